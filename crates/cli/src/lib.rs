@@ -90,7 +90,7 @@ fn answer(error: &clap::Error) -> u8 {
 }
 
 /// Prints an error with its causes and its remedy, and returns the exit code.
-fn fail(error: &anyhow::Error) -> u8 {
+pub(crate) fn fail(error: &anyhow::Error) -> u8 {
     if reader_has_left(error) {
         return 0;
     }

@@ -14,7 +14,7 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, SamplingMode, criterion_group, criterion_main};
-use luxel_core::engine::{CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
+use luxel_core::engine::{AdamBetas, CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
 use luxel_core::{
     Activation, Antialias, ColorModel, Cutoffs, Engine, LossWeights, Pass, PixelValues, RasterConfig, RenderOptions, Target, View,
     spatial_order, synthetic,
@@ -88,6 +88,7 @@ impl Session {
                 luminance_dc: rate,
                 luminance_rest: rate,
             },
+            betas: AdamBetas::default(),
             position_noise: None,
             stats: StatsCollection::Gradients,
             camera_gradient: CameraGradientChoice::Skip,

@@ -15,12 +15,13 @@ use std::sync::Arc;
 
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
-use luxel_core::engine::{DensifyPlan, DensifyStats, Evaluations, Geometry, StepConfig};
+use luxel_core::engine::{DensifyPlan, DensifyStats, Evaluations, Geometry, SparseGradients, StepConfig};
 use luxel_core::{Camera, Engine, EngineError, Image, Layers, Moments, PassTime, Remedy, RenderOptions, Splats, StepReport, View};
 
 use self::screens::SpareBuffers;
 use self::state::{RECORD_BYTES, State};
 use crate::rays::Lenses;
+use crate::store::StoreShape;
 use crate::view::ScreenCamera;
 
 /// The CPU engine. Its results are the same bits for any number of threads.
@@ -83,8 +84,8 @@ impl CpuEngine {
     }
 
     /// Runs the forward and backward passes without the update, and returns the gradients in the
-    /// layout of the splats; `smoothing` is empty. Data-parallel training would reduce gradients
-    /// here.
+    /// layout of the splats; `smoothing` is empty. The step's statistics are added to the scene's.
+    /// [`Engine::view_gradients`] leaves out the splats that the view does not show.
     ///
     /// # Errors
     /// The errors of [`Engine::train_step`].
@@ -199,6 +200,18 @@ impl Engine for CpuEngine {
     fn camera_gradient(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
         let camera = checked_view(view, step, &mut self.lenses)?;
         Ok(self.pool.install(|| self.state.camera_gradient(&camera, view, step)))
+    }
+
+    fn view_gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, SparseGradients), EngineError> {
+        let camera = checked_view(view, step, &mut self.lenses)?;
+        Ok(self.pool.install(|| self.state.view_gradients(&camera, view, step)))
+    }
+
+    fn apply_gradients(&mut self, gradients: &SparseGradients, step: &StepConfig) -> Result<(), EngineError> {
+        let StoreShape { layout, count } = self.state.shape();
+        gradients.check(layout, count)?;
+        self.pool.install(|| self.state.apply_gradients(gradients, step));
+        Ok(())
     }
 
     fn check_finite(&mut self) -> Result<(), EngineError> {

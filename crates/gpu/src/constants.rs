@@ -5,7 +5,7 @@
 use std::fmt::Write;
 
 use luxel_core::engine::ParameterRows;
-use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, MIN_AREA_RATIO};
+use luxel_core::engine::{ADAM_EPSILON, MIN_AREA_RATIO};
 use luxel_core::{Activation, ColorModel, DEAD_CHROMA_FLOOR, MAX_EXP_ARGUMENT, SH_OFFSET, sh};
 use luxel_core::{SSIM_C1, SSIM_C2, SSIM_RADIUS, ssim_window};
 
@@ -67,8 +67,6 @@ pub(crate) fn constants() -> String {
         ("SH_OFFSET", SH_OFFSET),
         ("SSIM_C1", SSIM_C1 as f32),
         ("SSIM_C2", SSIM_C2 as f32),
-        ("ADAM_BETA1", ADAM_BETA1),
-        ("ADAM_BETA2", ADAM_BETA2),
         ("ADAM_EPSILON", ADAM_EPSILON),
         ("SH_C0", sh::C0),
         ("SH_C1", sh::C1),

@@ -26,9 +26,10 @@ use crate::scene::{GpuScene, shard_len};
 use crate::screen::{
     Purpose, SceneFacts, camera_uniform, check, lens_uniform, loss_uniform, optimizer_uniform, pixel_kind, supersampled, tiles,
 };
-use crate::step::{Recorder, VignettingKind};
+use crate::step::{GradientOutput, Recorder, VignettingKind};
 use crate::targets::Targets;
 
+mod batch;
 mod camera;
 mod contract;
 mod retire;
@@ -57,6 +58,7 @@ pub struct GpuEngine {
     timings: [PassTime; Pass::ALL.len()],
     /// Sums for the gradient by the camera, one buffer per shard; none until a step asks for it.
     camera_sums: Vec<Buffer>,
+    batch: batch::BatchBuffers,
 }
 
 /// The cost of a step besides its arithmetic.
@@ -77,7 +79,7 @@ enum Submission<'a> {
     Render { camera: &'a Camera, options: &'a RenderOptions },
     Contributions { camera: &'a Camera, options: &'a RenderOptions, mask: &'a Buffer, out: &'a Buffer },
     Train { view: &'a View, step: &'a StepConfig },
-    Gradients { view: &'a View, step: &'a StepConfig, out: &'a [Buffer] },
+    Gradients { view: &'a View, step: &'a StepConfig, out: GradientOutput<'a> },
     CameraGradient { view: &'a View, step: &'a StepConfig },
 }
 
@@ -94,9 +96,14 @@ impl<'a> Submission<'a> {
     fn computes_camera(&self) -> bool {
         match self {
             Self::CameraGradient { .. } => true,
-            Self::Train { step, .. } => step.camera_gradient == CameraGradientChoice::Compute,
-            Self::Render { .. } | Self::Contributions { .. } | Self::Gradients { .. } => false,
+            Self::Train { step, .. } | Self::Gradients { step, .. } => Self::computes_camera_in(step),
+            Self::Render { .. } | Self::Contributions { .. } => false,
         }
+    }
+
+    /// Reports whether a step asks for the gradient by its camera.
+    fn computes_camera_in(step: &StepConfig) -> bool {
+        step.camera_gradient == CameraGradientChoice::Compute
     }
 }
 
@@ -122,6 +129,7 @@ impl GpuEngine {
             traffic: Traffic::default(),
             timings: Pass::ALL.map(|pass| PassTime { pass, time: Duration::ZERO }),
             camera_sums: Vec::new(),
+            batch: batch::BatchBuffers::default(),
         })
     }
 
@@ -153,8 +161,7 @@ impl GpuEngine {
     }
 
     /// Runs the forward and backward passes without the update, and returns the gradients in the
-    /// layout of the splats; `smoothing` is empty. Data-parallel training would reduce gradients
-    /// here.
+    /// layout of the splats; `smoothing` is empty. The step's statistics are added to the scene's.
     ///
     /// # Errors
     /// The errors of [`train_step`](luxel_core::Engine::train_step).
@@ -163,7 +170,8 @@ impl GpuEngine {
         view.validate()?;
         let scratch = GpuScene::zeros(&self.gpu, self.scene.rows, self.scene.count, self.shard_len())?;
         let out: Vec<Buffer> = scratch.shards.into_iter().map(|shard| shard.first).collect();
-        let state = self.run(&Submission::Gradients { view, step, out: &out })?;
+        let output = GradientOutput { gradients: &out, statistics: None };
+        let state = self.run(&Submission::Gradients { view, step, out: output })?;
         let by_vignetting = self.read_vignetting_gradient(view)?;
         // Cached bindings would keep the buffers alive.
         self.commands.forget();
@@ -339,6 +347,7 @@ impl GpuEngine {
     fn replace_scene(&mut self, scene: GpuScene) {
         self.scene = scene;
         self.camera_sums.clear();
+        self.batch.clear();
         self.commands.forget();
         self.frame.set_count(&self.gpu, self.scene.count as u32);
     }

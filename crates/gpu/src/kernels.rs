@@ -36,6 +36,8 @@ pub(crate) enum KernelId {
     CameraBackward(ColorModel),
     /// The same where pixels are rays.
     CameraBackwardRays(ColorModel),
+    /// Adam with gradients that are there already.
+    Apply(ColorModel),
     Densify(ColorModel),
     Contribute,
     ContributeSum,
@@ -57,6 +59,7 @@ macro_rules! file {
 const COMMON: &str = file!("common");
 const FOOTPRINT: &str = file!("footprint");
 const ROTATION: &str = file!("rotation");
+const PARAMETERS: &str = file!("parameters");
 const GEOMETRY: &str = file!("geometry");
 const COLOR: &str = file!("color");
 const ADAM: &str = file!("adam");
@@ -99,6 +102,7 @@ impl KernelId {
             Self::Gather => "gather",
             Self::ProjectBackward(..) | Self::ProjectBackwardRays(..) => "project_backward",
             Self::CameraBackward(_) | Self::CameraBackwardRays(_) => "camera_backward",
+            Self::Apply(_) => "apply",
             Self::Densify(_) => "densify",
             Self::Contribute | Self::ContributeRays => "contribute",
             Self::ContributeSum => "contribute_sum",
@@ -108,9 +112,9 @@ impl KernelId {
     #[rustfmt::skip]
     pub(crate) fn files(self) -> &'static [&'static str] {
         match self {
-            Self::Project(_) => &[COMMON, ROTATION, LINEARISE, GEOMETRY, COLOR, FOOTPRINT, ELLIPSE, file!("place"), PROJECT],
+            Self::Project(_) => &[COMMON, ROTATION, LINEARISE, PARAMETERS, GEOMETRY, COLOR, FOOTPRINT, ELLIPSE, file!("place"), PROJECT],
             Self::ProjectRays(_) =>
-                &[COMMON, LENS, ROTATION, LINEARISE_RAYS, GEOMETRY, COLOR, FOOTPRINT, ELLIPSE_RAYS, file!("place_rays"), PROJECT],
+                &[COMMON, LENS, ROTATION, LINEARISE_RAYS, PARAMETERS, GEOMETRY, COLOR, FOOTPRINT, ELLIPSE_RAYS, file!("place_rays"), PROJECT],
             Self::SortCount | Self::SortScan | Self::SortScatter => SORT,
             Self::BinSum | Self::BinScan | Self::BinEmit | Self::BinRanges => BIN,
             Self::BinEmitRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, file!("bin")],
@@ -122,18 +126,19 @@ impl KernelId {
             Self::RasterizeBackwardRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, file!("unwind"), file!("rasterize_backward")],
             Self::Gather => &[COMMON, file!("gather")],
             Self::ProjectBackward(..) =>
-                &[COMMON, ROTATION, LINEARISE, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, POINT_BACKWARD, PROJECT_BACKWARD],
+                &[COMMON, ROTATION, LINEARISE, PARAMETERS, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, POINT_BACKWARD, PROJECT_BACKWARD],
             Self::ProjectBackwardRays(..) => &[
-                COMMON, LENS, ROTATION, LINEARISE_RAYS, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, POINT_BACKWARD_RAYS, PROJECT_BACKWARD,
+                COMMON, LENS, ROTATION, LINEARISE_RAYS, PARAMETERS, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, POINT_BACKWARD_RAYS, PROJECT_BACKWARD,
             ],
             Self::CameraBackward(_) => &[
-                COMMON, ROTATION, LINEARISE, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, POINT_BACKWARD, PROJECT_BACKWARD,
+                COMMON, ROTATION, LINEARISE, PARAMETERS, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, POINT_BACKWARD, PROJECT_BACKWARD,
                 CAMERA_BACKWARD,
             ],
             Self::CameraBackwardRays(_) => &[
-                COMMON, LENS, ROTATION, LINEARISE_RAYS, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, POINT_BACKWARD_RAYS, PROJECT_BACKWARD,
+                COMMON, LENS, ROTATION, LINEARISE_RAYS, PARAMETERS, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, POINT_BACKWARD_RAYS, PROJECT_BACKWARD,
                 CAMERA_BACKWARD,
             ],
+            Self::Apply(_) => &[COMMON, ROTATION, PARAMETERS, ADAM, NOISE, file!("apply")],
             Self::Densify(_) => &[COMMON, ROTATION, file!("densify")],
             Self::Contribute => &[COMMON, FOOTPRINT, ELLIPSE, file!("unwind"), file!("contribute")],
             Self::ContributeRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, file!("unwind"), file!("contribute")],
@@ -146,7 +151,7 @@ impl KernelId {
 pub(crate) fn source(kernel: KernelId) -> String {
     let mut text = constants();
     match kernel {
-        KernelId::Project(model) | KernelId::ProjectRays(model) | KernelId::Densify(model) => {
+        KernelId::Project(model) | KernelId::ProjectRays(model) | KernelId::Apply(model) | KernelId::Densify(model) => {
             text += &model_constants(model, Update::Parameters);
         }
         KernelId::ProjectBackward(model, update) | KernelId::ProjectBackwardRays(model, update) => {
@@ -239,6 +244,7 @@ mod tests {
                 KernelId::ProjectBackward(model, Update::OnlyGradients),
                 KernelId::CameraBackward(model),
                 KernelId::CameraBackwardRays(model),
+                KernelId::Apply(model),
                 KernelId::Densify(model),
             ]);
         }

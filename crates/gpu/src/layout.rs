@@ -259,8 +259,16 @@ pub(crate) struct OptimizerUniform {
     pub(crate) seed_high: u32,
     /// 1 if statistics are collected.
     pub(crate) stats: u32,
+    /// Decay rate of the first moments.
+    pub(crate) beta_1: f32,
+    /// Decay rate of the second moments.
+    pub(crate) beta_2: f32,
     /// Unused.
-    pub(crate) padding: u32,
+    pub(crate) padding_0: u32,
+    /// Unused.
+    pub(crate) padding_1: u32,
+    /// Unused.
+    pub(crate) padding_2: u32,
 }
 
 /// A pair of an old and a new shard of a plan. Twin: `Densify` in densify.wgsl.

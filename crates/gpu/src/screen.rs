@@ -4,7 +4,7 @@
 //! and invalid cameras are errors.
 
 use bytemuck::Zeroable;
-use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, JACOBIAN_MARGIN, PixelAngle, StatsCollection, StepConfig};
+use luxel_core::engine::{JACOBIAN_MARGIN, PixelAngle, StatsCollection, StepConfig};
 use luxel_core::{
     Antialias, Camera, CameraProjection, EngineError, LossWeights, MAX_SAMPLES, RenderOptions, SQUARED_KNEE, VIGNETTING_TERMS, View,
     Vignetting,
@@ -179,7 +179,7 @@ pub(crate) fn loss_uniform(weights: &LossWeights, view: &View, mu: f32, total: f
 /// Returns the uniform of the optimiser for `count` splats.
 pub(crate) fn optimizer_uniform(step: &StepConfig, count: usize) -> OptimizerUniform {
     let correction = |beta: f32| 1.0 / (1.0 - f64::from(beta).powi(step.step.clamp(1, i32::MAX as u32) as i32));
-    let first = correction(ADAM_BETA1) as f32;
+    let first = correction(step.betas.first) as f32;
     let rates = step.learning_rates;
     let noise = step.position_noise;
     let seed = noise.map_or(0, |noise| noise.seed);
@@ -192,13 +192,17 @@ pub(crate) fn optimizer_uniform(step: &StepConfig, count: usize) -> OptimizerUni
         sh_rest: rates.sh_rest * first,
         luminance_dc: rates.luminance_dc * first,
         luminance_rest: rates.luminance_rest * first,
-        root_correction_2: (correction(ADAM_BETA2) as f32).sqrt(),
+        root_correction_2: (correction(step.betas.second) as f32).sqrt(),
         opacity_weight: step.loss.opacity_weight / count.max(1) as f32,
         scale_weight: step.loss.scale_weight / (3 * count.max(1)) as f32,
         noise_scale: noise.map_or(0.0, |noise| noise.scale),
         seed_low: seed as u32,
         seed_high: (seed >> 32) as u32,
         stats: u32::from(step.stats != StatsCollection::Off),
-        padding: 0,
+        beta_1: step.betas.first,
+        beta_2: step.betas.second,
+        padding_0: 0,
+        padding_1: 0,
+        padding_2: 0,
     }
 }

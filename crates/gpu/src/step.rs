@@ -36,6 +36,15 @@ impl VignettingKind {
     }
 }
 
+/// The buffers, one per shard, into which a backward pass writes gradients in the place of first
+/// moments.
+#[derive(Clone, Copy)]
+pub(crate) struct GradientOutput<'a> {
+    pub(crate) gradients: &'a [Buffer],
+    /// Statistics to which those of the view are added; the scene's own if there are none.
+    pub(crate) statistics: Option<&'a [Buffer]>,
+}
+
 /// A recorder of the kernels of a frame.
 pub(crate) struct Recorder<'a> {
     pub(crate) gpu: &'a Gpu,
@@ -217,14 +226,15 @@ impl Recorder<'_> {
     }
 
     /// Records the update from the entries' gradients to parameters and moments, or to gradients in
-    /// the place of first moments, one buffer per shard. Follows [`Self::gather`].
-    pub(crate) fn update(&mut self, gradients: Option<&[Buffer]>) {
-        let kind = if gradients.is_some() { Update::OnlyGradients } else { Update::Parameters };
+    /// `output`. Follows [`Self::gather`].
+    pub(crate) fn update(&mut self, output: Option<GradientOutput<'_>>) {
+        let kind = if output.is_some() { Update::OnlyGradients } else { Update::Parameters };
         let model = self.scene.rows.color_model;
         let kernels = [KernelId::ProjectBackward(model, kind), KernelId::ProjectBackwardRays(model, kind)];
         for (n, shard) in self.scene.shards.iter().enumerate() {
-            let first = gradients.and_then(|buffers| buffers.get(n)).unwrap_or(&shard.first);
-            self.differentiate(kernels, shard, first, bind(9, &shard.stats));
+            let first = output.and_then(|output| output.gradients.get(n)).unwrap_or(&shard.first);
+            let stats = output.and_then(|output| output.statistics?.get(n)).unwrap_or(&shard.stats);
+            self.differentiate(kernels, shard, first, bind(9, stats));
         }
     }
 

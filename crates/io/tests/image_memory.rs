@@ -12,8 +12,8 @@ use std::sync::Mutex;
 use common::{SIZE, TestScene};
 use luxel_core::{Dataset, Image, View};
 use luxel_io::{
-    ExrOptions, ExrSample, ImageMemory, IoError, LoadOptions, LoadProgress, Loading, MAX_RELATIVE_ERROR, load_dataset, load_dataset_within,
-    write_exr,
+    ExrOptions, ExrSample, ImageMemory, IoError, LoadOptions, LoadProgress, Loading, MAX_RELATIVE_ERROR, ViewPlace, load_dataset,
+    load_dataset_within, write_exr,
 };
 
 const VIEWS: usize = 12;
@@ -202,7 +202,7 @@ fn without_a_cache_views_are_decoded_from_their_files() {
     let exact = in_memory(&scene);
     let events = Mutex::new(Vec::new());
     let progress = |event: LoadProgress| events.lock().unwrap().push(event);
-    let loading = Loading { image_memory: ROOM, cache: None, progress: Some(&progress), check: None };
+    let loading = Loading { image_memory: ROOM, cache: None, progress: Some(&progress), check: None, keep: None };
     let dataset = load_dataset_within(&scene.path().join("data"), &LoadOptions::default(), &loading).unwrap();
     for (stored, exact) in dataset.train.iter().chain(&dataset.test).zip(exact.train.iter().chain(&exact.test)) {
         assert_close(stored, exact, 0.0);
@@ -215,4 +215,24 @@ fn without_a_cache_views_are_decoded_from_their_files() {
     let done: Vec<usize> =
         events.iter().filter_map(|event| if let LoadProgress::View { done, .. } = event { Some(*done) } else { None }).collect();
     assert_eq!(done.iter().max(), Some(&VIEWS));
+}
+
+#[test]
+fn views_that_are_not_kept_are_read_from_their_files_exactly() {
+    let scene = scene(ExrSample::Float);
+    let exact = in_memory(&scene);
+    let keep = |place| matches!(place, ViewPlace::Train(view) if view % 3 == 1);
+    let part = load_dataset_within(
+        &scene.path().join("data"),
+        &LoadOptions::default(),
+        &Loading { cache: Some(&cache(&scene)), keep: Some(&keep), ..Loading::default() },
+    )
+    .unwrap();
+    assert!(part.fingerprint == exact.fingerprint && !cache(&scene).exists());
+    for (i, (view, exact)) in part.train.iter().zip(&exact.train).enumerate() {
+        assert_eq!(view.is_in_memory(), i % 3 == 1, "{i}");
+        let loaded = view.loaded().unwrap();
+        assert!(loaded.image == exact.image && loaded.mask == exact.mask && loaded.camera == exact.camera, "{i}");
+    }
+    assert!(part.test.iter().all(|view| !view.is_in_memory()));
 }

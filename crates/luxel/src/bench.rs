@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use luxel_core::engine::{CameraGradientChoice, Evaluations, LearningRates, StatsCollection, StepConfig};
+use luxel_core::engine::{AdamBetas, CameraGradientChoice, Evaluations, LearningRates, StatsCollection, StepConfig};
 use luxel_core::{Engine, LossWeights, Pass, RenderOptions, StepReport, Target, ToneCurve, View};
 
 use crate::Result;
@@ -105,6 +105,7 @@ fn step(protocol: &Protocol, step: u32) -> StepConfig {
             luminance_dc: LEARNING_RATE,
             luminance_rest: LEARNING_RATE,
         },
+        betas: AdamBetas::default(),
         position_noise: None,
         stats: StatsCollection::Gradients,
         camera_gradient: CameraGradientChoice::Skip,

@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use luxel_core::BadPixels;
-use luxel_io::{CheckPlan, ImageMemory, ImagePlan, LoadOptions, LoadProgress, Loading};
+use luxel_io::{CheckPlan, ImageMemory, ImagePlan, KeepView, LoadOptions, LoadProgress, Loading};
 
 use crate::error::Context;
 use crate::{Event, ItemKind, Observer, Result, text};
@@ -157,6 +157,8 @@ pub struct ImageLimits<'a> {
     pub cache: Option<&'a Path>,
     /// May refuse the images before one is read, by their number and sizes.
     pub check: Option<&'a CheckPlan<'a>>,
+    /// Which views stay in memory where all have room; all without it.
+    pub keep: Option<&'a KeepView<'a>>,
 }
 
 /// Time after which the reading of a data set is reported view by view.
@@ -181,8 +183,8 @@ impl Reading<'_> {
         std::thread::scope(|scope| {
             let reader = scope.spawn(move || {
                 let progress = |event| drop(sender.lock().unwrap_or_else(PoisonError::into_inner).send(event));
-                let ImageLimits { image_memory, cache, check } = limits;
-                luxel_io::load_dataset_within(path, options, &Loading { image_memory, cache, progress: Some(&progress), check })
+                let ImageLimits { image_memory, cache, check, keep } = limits;
+                luxel_io::load_dataset_within(path, options, &Loading { image_memory, cache, progress: Some(&progress), check, keep })
             });
             let mut is_reported = false;
             for event in receiver {

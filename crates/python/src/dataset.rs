@@ -87,7 +87,7 @@ impl PyDataset {
         let observer = Arc::new(PyObserver::new(progress));
         let reported = Arc::clone(&observer);
         let read = move || {
-            let limits = ImageLimits { image_memory, cache: cache.as_deref(), check: None };
+            let limits = ImageLimits { image_memory, cache: cache.as_deref(), ..ImageLimits::default() };
             Dataset::open_within(&path, &options, limits, &*reported)
         };
         let dataset = interruptible(py, read)?;

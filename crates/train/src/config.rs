@@ -11,13 +11,16 @@ mod range;
 mod spec;
 mod validate;
 
-pub use choices::{CutoffPreset, ExposureCompensation, Method, NamedChoice, Preset, ScaleRule, Strategy};
+pub use choices::{BatchRule, CutoffPreset, ExposureCompensation, Method, NamedChoice, Preset, ScaleRule, Strategy};
 pub use options::{OPTIONS, TrainConfig};
 pub use range::Range;
 pub use spec::{Condition, OptionSpec, ValueHelp};
 pub use validate::Misplaced;
 
 use luxel_core::{Antialias, ColorModel, Cutoffs, LossWeights, RasterConfig};
+
+/// Largest number of views a step.
+pub const MAX_BATCH: u32 = 1024;
 
 /// Largest seed; integers in `config.toml` are signed.
 pub const MAX_SEED: u64 = i64::MAX as u64;

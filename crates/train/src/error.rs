@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use luxel_core::{EngineError, ReadError, Remedy, SplatsError, ViewError};
+use luxel_core::{EngineError, ExchangeError, ReadError, Remedy, SplatsError, ViewError};
 
 use crate::{Condition, Misplaced};
 
@@ -45,6 +45,9 @@ pub enum TrainError {
     /// An image cannot be read again.
     #[error(transparent)]
     Read(#[from] ReadError),
+    /// The ranks of a distributed run cannot exchange data, or have come apart.
+    #[error(transparent)]
+    Exchange(#[from] ExchangeError),
     /// The engine refused or failed.
     #[error(transparent)]
     Engine(#[from] EngineError),

@@ -20,6 +20,8 @@ mod neighbourhood;
 mod pixel_weights;
 mod poses;
 mod recorded;
+mod reduce;
+mod report_words;
 mod resolution;
 mod scale;
 mod schedule;
@@ -28,12 +30,13 @@ mod state;
 #[cfg(test)]
 mod testing;
 mod trainer;
+mod view_order;
 mod views;
 mod vignetting;
 
 pub use config::{
-    Condition, CutoffPreset, ExposureCompensation, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS, Method, Misplaced, NamedChoice, OPTIONS, OptionSpec,
-    Preset, Range, ScaleRule, Strategy, TrainConfig, ValueHelp, parse_rgb,
+    BatchRule, Condition, CutoffPreset, ExposureCompensation, MAX_BATCH, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS, Method, Misplaced, NamedChoice,
+    OPTIONS, OptionSpec, Preset, Range, ScaleRule, Strategy, TrainConfig, ValueHelp, parse_rgb,
 };
 pub use contribution::add_contribution;
 pub use error::TrainError;
@@ -41,6 +44,7 @@ pub use init::initialise;
 pub use neighbourhood::Neighbourhood;
 pub use pixel_weights::NoiseChoice;
 pub use poses::{ALIGNMENT_STEPS, AlignmentScene, PoseChange, PoseReport, align_camera, pose_change};
+pub use reduce::RankViews;
 pub use resolution::{ResolutionSchedule, Stage};
 pub use scale::choose_radiance_scale;
 pub use schedule::{ABSGRAD_OPACITY_CAP, RESET_OPACITY, Schedule};

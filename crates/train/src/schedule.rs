@@ -13,6 +13,9 @@
 //! fixed number of steps to recover: a run of 10000 steps has one reset, at 3000, instead of four.
 //! After the last reset, splats need time to prove useless. In 3DGS a whole reset interval of
 //! rounds follows it; here at least a third of an interval must follow, or the reset is left out.
+//!
+//! With several views a step, these numbers of steps are numbers of views: a run of a quarter of
+//! the steps with four views each has as many rounds and resets, at the same views.
 
 use luxel_core::engine::LearningRates;
 
@@ -53,6 +56,8 @@ pub struct Schedule {
     pub iterations: u32,
     /// Step after which the run ends now.
     pub end: u32,
+    /// Number of views a step.
+    pub batch: u32,
     /// Extent of the scene, world units; learning rates of positions are multiples of it.
     pub extent: f32,
     /// Number of steps after which one more degree of the harmonics becomes active.
@@ -85,21 +90,29 @@ impl Schedule {
         let densify_until = config.densify_until.unwrap_or(default_until);
         let sampled_steps = (f64::from(iterations) * f64::from(config.samples_share)).round() as u32;
         let end = config.iterations;
+        let (batch, views) = (config.batch.max(1), iterations.saturating_mul(config.batch.max(1)));
+        let steps_of = |views: u32| views.div_ceil(batch);
         let averaged_steps = (f64::from(end) * f64::from(config.average_share)) as u32;
         Self {
             iterations,
             end,
+            batch,
             extent,
-            sh_interval: config.sh_interval.unwrap_or((iterations / 10).clamp(1, 1000)),
-            densify_from: config.densify_from.unwrap_or((iterations / 20).min(500)),
+            sh_interval: config.sh_interval.unwrap_or(steps_of((views / 10).clamp(1, 1000))),
+            densify_from: config.densify_from.unwrap_or(steps_of((views / 20).min(500))),
             densify_until,
-            densify_interval: config.densify_interval.max(1),
-            reset_interval: (is_adc && config.opacity_reset_interval > 0).then_some(config.opacity_reset_interval),
+            densify_interval: steps_of(config.densify_interval.max(1)),
+            reset_interval: (is_adc && config.opacity_reset_interval > 0).then_some(steps_of(config.opacity_reset_interval)),
             reduces_opacity: is_adc && config.absgrad,
             samples: (config.samples, iterations.saturating_sub(sampled_steps) + 1),
             poses: config.refine_poses.then(|| pose_steps(config, iterations)),
             averaged_steps: averaged_steps.min(end.saturating_sub(densify_until)),
         }
+    }
+
+    /// Returns the number of steps that see as many views.
+    fn steps_of(&self, views: u32) -> u32 {
+        views.div_ceil(self.batch)
     }
 
     /// Returns the highest degree of harmonics that is active in `step`.
@@ -144,7 +157,7 @@ impl Schedule {
     pub fn is_recovering(&self, step: u32) -> bool {
         let Some(interval) = self.reset_interval else { return false };
         let since = step % interval;
-        step > interval && (1..=RECOVERY_STEPS.min(interval / 2)).contains(&since) && self.resets_after(step - since)
+        step > interval && (1..=self.steps_of(RECOVERY_STEPS).min(interval / 2)).contains(&since) && self.resets_after(step - since)
     }
 
     /// Returns whether a reset lies before `step`; from then on large splats are pruned.
@@ -158,13 +171,13 @@ impl Schedule {
             return Some(RESET_OPACITY);
         }
         let is_due = self.reduces_opacity && self.is_densifying(step) && step > self.densify_from;
-        (is_due && step.is_multiple_of(ABSGRAD_CAP_INTERVAL)).then_some(ABSGRAD_OPACITY_CAP)
+        (is_due && step.is_multiple_of(self.steps_of(ABSGRAD_CAP_INTERVAL))).then_some(ABSGRAD_OPACITY_CAP)
     }
 
     /// Returns whether the 3D smoothing filter is updated after `step`, apart from densification.
     /// While splats are added, the rounds update it, because an update starts the statistics anew.
     pub fn smooths_after(&self, step: u32) -> bool {
-        (step >= self.densify_until || step <= self.densify_from) && step.is_multiple_of(SMOOTHING_INTERVAL)
+        (step >= self.densify_until || step <= self.densify_from) && step.is_multiple_of(self.steps_of(SMOOTHING_INTERVAL))
     }
 
     /// Returns whether `step` is among the steps that are averaged.
@@ -247,6 +260,22 @@ mod tests {
         let rates = s.learning_rates(&config, 15_000);
         assert!((rates.position / (4e-5 * 2.0) - 1.0).abs() < 1e-4, "{}", rates.position);
         assert_eq!((rates.sh_dc, rates.sh_rest, rates.luminance_dc), (2.5e-3, 2.5e-3 / 20.0, 0.05));
+    }
+
+    #[test]
+    fn several_views_a_step_make_a_schedule_of_as_many_views() {
+        let of = |iterations, batch| {
+            let config = TrainConfig { iterations, batch, ..TrainConfig::default() };
+            Schedule::new(&config, iterations, 2.0)
+        };
+        for (one, four) in [(of(30_000, 1), of(7500, 4)), (of(2000, 1), of(500, 4))] {
+            let steps = |s: &Schedule, is_due: fn(&Schedule, u32) -> bool| {
+                (1..=s.iterations).filter(|step| is_due(s, *step)).map(|step| step * s.batch).collect::<Vec<u32>>()
+            };
+            assert_eq!(steps(&one, Schedule::densifies_after), steps(&four, Schedule::densifies_after));
+            assert_eq!(steps(&one, Schedule::resets_after), steps(&four, Schedule::resets_after));
+            assert_eq!([one.sh_interval, one.densify_from], [4 * four.sh_interval, 4 * four.densify_from]);
+        }
     }
 
     #[test]

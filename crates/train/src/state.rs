@@ -2,7 +2,6 @@
 //! a run resumes bit for bit.
 
 use luxel_core::{Dataset, Knots, RadianceScale, Snapshot};
-use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
@@ -13,6 +12,7 @@ use crate::crop::Crop;
 use crate::gains::Gains;
 use crate::poses::{Corrections, Poses};
 use crate::recorded::is_recorded;
+use crate::view_order::{Cursors, first_order};
 use crate::vignetting::{LensVignetting, Lenses, Vignettings};
 use crate::{TrainConfig, TrainError};
 
@@ -21,6 +21,8 @@ const VERSION: u32 = 2;
 
 /// Constant that separates the random stream of crops from others of the same seed.
 const CROP_STREAM: u64 = 0x6c75_7865_6c02;
+/// Factor that separates the streams of slots: the golden ratio in 64 bits.
+const SLOT_STREAM: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// The state of a run, without its arrays.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,10 +53,11 @@ pub(crate) struct State {
     /// Corrections of the training images' poses; `None` if they are fixed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) poses: Option<Corrections>,
-    /// Order of the training views in the current epoch.
+    /// Order of the training views in their current epochs, part after part
+    /// ([`crate::view_order`]).
     order: Vec<u32>,
-    /// Number of views of the epoch that have been used.
-    cursor: usize,
+    /// Number of views of each part's epoch that have been used.
+    cursor: Cursors,
 }
 
 /// Returns the poses of a data set's training views, around a scene of this extent.
@@ -73,6 +76,7 @@ pub(crate) struct Start {
 impl State {
     pub(crate) fn new(dataset: &Dataset, start: Start) -> Self {
         let Start { config, extent, radiance_scale, response } = start;
+        let (order, cursor) = first_order(dataset.train.len(), config.batch as usize);
         let gains = (config.exposure_compensation != ExposureCompensation::Off).then(|| Gains::ones(dataset.train.len()));
         Self {
             version: VERSION,
@@ -87,34 +91,27 @@ impl State {
             response,
             vignetting: config.vignetting.then(|| Vignettings::none(&Lenses::new(dataset))),
             poses: config.refine_poses.then(|| Corrections::none(&poses_of(dataset, extent), config.refine_focal)),
-            order: (0u32..).take(dataset.train.len()).collect(),
-            // The epoch is used up, so the first step shuffles.
-            cursor: dataset.train.len(),
+            order,
+            cursor,
             config,
         }
     }
 
-    /// Returns the index of the next step's training view. The order is shuffled, and each view
-    /// comes once per epoch.
-    pub(crate) fn next_view(&mut self) -> usize {
-        if self.cursor >= self.order.len() {
-            self.order.shuffle(&mut self.rng);
-            self.cursor = 0;
-        }
-        let view = self.order.get(self.cursor).copied().unwrap_or(0);
-        self.cursor += 1;
-        view as usize
+    /// Returns the indices of the next step's training views, one a slot of the batch. The order is
+    /// shuffled, and each view comes once per epoch of its part.
+    pub(crate) fn next_views(&mut self) -> Vec<usize> {
+        self.cursor.next_views(&mut self.order, &mut self.rng)
     }
 
-    /// Returns the view that [`Self::next_view`] would return now. At the end of an epoch, random
-    /// numbers drawn until then may still change it.
-    pub(crate) fn upcoming_view(&self) -> usize {
-        if self.cursor < self.order.len() {
-            return self.order.get(self.cursor).copied().unwrap_or(0) as usize;
-        }
-        let (mut order, mut rng) = (self.order.clone(), self.rng.clone());
-        order.shuffle(&mut rng);
-        order.first().copied().unwrap_or(0) as usize
+    /// Returns the view of `slot` that [`Self::next_views`] would return now. At the end of an
+    /// epoch, random numbers drawn until then may still change it.
+    pub(crate) fn upcoming_view(&self, slot: usize) -> usize {
+        self.cursor.upcoming_view(&self.order, &self.rng, slot)
+    }
+
+    /// Returns the gain of training view `index`.
+    pub(crate) fn gain(&self, index: usize) -> [f32; 3] {
+        self.gains.as_ref().map_or([1.0; 3], |gains| gains.gain(index))
     }
 
     /// Returns the seed of a step's noise, which depends on the run's seed and the step alone.
@@ -122,10 +119,11 @@ impl State {
         Pcg64Mcg::seed_from_u64(self.config.seed ^ (u64::from(step) << 32)).random()
     }
 
-    /// Returns the part of its view that `step` sees, if not all of it; it depends on the run's
-    /// seed and the step alone.
-    pub(crate) fn crop(&self, step: u32) -> Option<Crop> {
-        let seed = || Pcg64Mcg::seed_from_u64(self.config.seed ^ (u64::from(step) << 32) ^ CROP_STREAM).random();
+    /// Returns the part of its view that a slot of `step` sees, if not all of it; it depends on the
+    /// run's seed, the step and the slot alone.
+    pub(crate) fn crop(&self, step: u32, slot: usize) -> Option<Crop> {
+        let stream = CROP_STREAM ^ (slot as u64).wrapping_mul(SLOT_STREAM);
+        let seed = || Pcg64Mcg::seed_from_u64(self.config.seed ^ (u64::from(step) << 32) ^ stream).random();
         self.config.crop.map(|side_px| Crop { side_px, seed: seed() })
     }
 
@@ -143,9 +141,7 @@ impl State {
         if scene != config {
             return Err(TrainError::ColorModel { scene: scene.name(), config: config.name() });
         }
-        let mut sorted = state.order.clone();
-        sorted.sort_unstable();
-        if !sorted.iter().copied().eq((0u32..).take(dataset.train.len())) || state.cursor > state.order.len() {
+        if !state.cursor.fit(&state.order, dataset.train.len(), state.config.batch as usize) {
             return Err(TrainError::State(format!("the order of views is not one of the data set's {} views", dataset.train.len())));
         }
         if (state.averaged > 0) != snapshot.average.is_some() {

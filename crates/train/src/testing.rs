@@ -1,10 +1,12 @@
 //! Small scenes for tests.
 
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use luxel_core::{
-    Camera, CameraProjection, ColorSpace, Dataset, Distortion, Image, Mask, OnDemand, PixelValues, ReadError, Source, Target, View,
+    Camera, CameraProjection, ColorSpace, Dataset, Distortion, Exchange, ExchangeError, Image, Mask, OnDemand, PixelValues, ReadError,
+    Source, Target, View,
 };
 
 /// A camera at `eye` that looks along +z, with a focal length of the image's width.
@@ -83,4 +85,50 @@ impl Source<Mask> for Copied<Mask> {
 pub(crate) fn on_demand(view: &View) -> View {
     let mask = view.mask.as_ref().map(|mask| OnDemand::from_source(Arc::new(Copied(Mask::clone(mask)))));
     View { image: OnDemand::from_source(Arc::new(Copied(Image::clone(&view.image)))), mask, ..view.clone() }
+}
+
+/// The connection of a rank that is a thread of the test.
+pub(crate) struct ThreadExchange {
+    rank: usize,
+    to: Vec<Sender<Vec<u32>>>,
+    from: Vec<Receiver<Vec<u32>>>,
+}
+
+impl Exchange for ThreadExchange {
+    fn rank(&self) -> usize {
+        self.rank
+    }
+
+    fn ranks(&self) -> usize {
+        self.to.len()
+    }
+
+    fn all_to_all(&mut self, messages: Vec<Vec<u32>>) -> Result<Vec<Vec<u32>>, ExchangeError> {
+        let gone = |_| ExchangeError("a rank is gone".to_owned());
+        for (to, message) in self.to.iter().zip(messages) {
+            to.send(message).map_err(|_| ExchangeError("a rank is gone".to_owned()))?;
+        }
+        self.from.iter().map(|from| from.recv().map_err(gone)).collect()
+    }
+
+    fn all_gather(&mut self, message: &[u32]) -> Result<Vec<Vec<u32>>, ExchangeError> {
+        self.all_to_all(vec![message.to_vec(); self.to.len()])
+    }
+}
+
+/// Runs `work` on each of `ranks` ranks, and returns their results in the order of ranks.
+pub(crate) fn on_ranks<T: Send>(ranks: usize, work: impl Fn(ThreadExchange) -> T + Sync) -> Vec<T> {
+    let mut exchanges: Vec<ThreadExchange> = (0..ranks).map(|rank| ThreadExchange { rank, to: Vec::new(), from: Vec::new() }).collect();
+    for from in 0..ranks {
+        for to in 0..ranks {
+            let (sender, receiver) = channel();
+            exchanges[from].to.push(sender);
+            exchanges[to].from.push(receiver);
+        }
+    }
+    std::thread::scope(|scope| {
+        let work = &work;
+        let threads: Vec<_> = exchanges.into_iter().map(|exchange| scope.spawn(move || work(exchange))).collect();
+        threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+    })
 }

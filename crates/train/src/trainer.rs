@@ -2,7 +2,8 @@
 //!
 //! In: a data set, a configuration, an engine. Out: a scene in normalised units.
 //!
-//! Each step takes the next view of a shuffled epoch and updates all parameters. Where the schedule
+//! Each step takes the next view of a shuffled epoch, or a batch of views, and updates all
+//! parameters; the processes of a distributed run share a batch out. Where the schedule
 //! asks for it, the step also adds and removes splats. At the end, the scene becomes the mean of
 //! its last states ([`crate::average`]). All random numbers are drawn from the state's generator,
 //! in a fixed order. On request, the trainer also optimises gains of the images ([`crate::gains`])
@@ -10,6 +11,7 @@
 
 mod aspect;
 mod average;
+mod batch;
 mod densify;
 mod health;
 mod poses;
@@ -19,16 +21,16 @@ mod vignetting;
 use std::collections::VecDeque;
 
 use luxel_core::engine::{PositionNoise, StepConfig};
-use luxel_core::{ColorSpace, Engine, Knots, Moments, RadianceScale, RasterConfig, RenderOptions, Scene, Similarity, Snapshot, StepReport};
-use luxel_metrics::{log_gain, log_gain_of_view};
+use luxel_core::{
+    ColorSpace, Engine, Exchange, Knots, Moments, RadianceScale, RasterConfig, RenderOptions, Scene, Similarity, Snapshot, StepReport,
+};
 
-use self::vignetting::Seen;
+use self::batch::{SlotView, rates_of_batch, scaled};
 use crate::average::Average;
-use crate::camera_response::{CameraResponse, exposure_of};
+use crate::camera_response::CameraResponse;
 use crate::config::Strategy;
 use crate::gains::Gains;
 use crate::poses::Poses;
-use crate::recorded::{curve, radiance_of};
 use crate::state::State;
 use crate::views::TrainingViews;
 use crate::vignetting::Lenses;
@@ -52,9 +54,34 @@ pub struct Trainer {
     poses: Option<Poses>,
     /// The lenses of the views, if their vignetting is optimised.
     lenses: Option<Lenses>,
+    /// The connection to the other ranks of a distributed run.
+    exchange: Box<dyn Exchange>,
+    /// The views of the current step, one a slot of the batch.
+    step_views: Vec<usize>,
+    /// Whether this rank is to stop, and whether any rank was at the last step.
+    wants_to_stop: bool,
+    is_asked_to_stop: bool,
 }
 
-/// Number of steps whose views are remembered; engines work ahead by fewer steps than that.
+/// Returns the report of a step from those of its views: mean loss, most visible splats.
+fn batch_report(reports: &[StepReport]) -> StepReport {
+    let [report] = reports else {
+        let mean = |value: fn(&StepReport) -> f32| {
+            (reports.iter().map(|report| f64::from(value(report))).sum::<f64>() / reports.len().max(1) as f64) as f32
+        };
+        return StepReport {
+            step: reports.first().map_or(0, |report| report.step),
+            loss: mean(|report| report.loss),
+            l1: mean(|report| report.l1),
+            ssim: mean(|report| report.ssim),
+            visible: reports.iter().map(|report| report.visible).max().unwrap_or(0),
+            ..StepReport::default()
+        };
+    };
+    *report
+}
+
+/// Number of views of the latest steps that are remembered; engines work ahead by fewer than that.
 const RECENT: usize = 16;
 
 impl Trainer {
@@ -136,38 +163,31 @@ impl Trainer {
     /// splat is left, or the error of the engine.
     pub fn step(&mut self) -> Result<StepReport, TrainError> {
         let step = self.state.iteration.saturating_add(1);
-        let index = self.state.next_view();
+        self.step_views = self.state.next_views();
         let config = self.step_config(step);
-        let gain = self.gain(index);
-        let view_of_next = self.state.upcoming_view();
-        // Looked at first, so that the reader works while the engine does.
-        let (crop, next) = (self.state.crop(step), step.saturating_add(1));
-        self.views.part_at(step, index, gain, crop)?;
-        self.views.ask(next, view_of_next, self.state.crop(next));
-        let reduction = self.views.factor(step);
-        let view = self.views.part_at(step, index, gain, crop)?.ok_or(TrainError::NoTrainViews)?;
-        if let Some(response) = &self.state.response {
-            view.target.curve = curve(view, &response.knots(), self.state.radiance_scale, gain).unwrap_or(view.target.curve);
+        let views: Vec<SlotView> = self.step_views.iter().enumerate().map(|(slot, index)| SlotView { step, slot, index: *index }).collect();
+        let reports = self.train_on(&views, &config)?;
+        for of in &views {
+            if self.recent.len() == RECENT {
+                self.recent.pop_front();
+            }
+            self.recent.push_back((step, self.views.name(of.index).to_owned()));
         }
-        view.target.vignetting =
-            self.lenses.as_ref().and_then(|lenses| self.state.vignetting_of(lenses, Seen { step, index, reduction, camera: &view.camera }));
-        let report = self.engine.train_step(view, &config)?;
-        if self.recent.len() == RECENT {
-            self.recent.pop_front();
-        }
-        self.recent.push_back((step, view.name.clone()));
+        let report = batch_report(&reports);
         if !report.loss.is_finite() {
             // The engine may work ahead, so the report can be about an earlier step.
             let of_report = self.recent.iter().find(|(step, _)| *step == report.step).or(self.recent.back());
             let (step, view) = of_report.cloned().unwrap_or((step, String::new()));
             return Err(TrainError::NotFinite { step, view });
         }
-        if let (Some(response), Some(by_knots)) = (&mut self.state.response, &report.by_knots) {
-            response.update(by_knots, f64::from(step) / f64::from(self.state.planned_iterations.max(1)));
+        for (of, report) in views.iter().zip(&reports) {
+            if let (Some(response), Some(by_knots)) = (&mut self.state.response, &report.by_knots) {
+                response.update(by_knots, f64::from(step) / f64::from(self.state.planned_iterations.max(1)));
+            }
+            self.learn_vignetting(step, of.index, report);
+            self.correct_pose(step, of.index, report);
         }
-        self.learn_vignetting(step, index, &report);
-        self.correct_pose(step, index, &report);
-        self.measure_gain(step, index)?;
+        self.measure_gains(&views)?;
         self.densify(step)?;
         self.average(step)?;
         self.limit_aspect(step)?;
@@ -175,47 +195,6 @@ impl Trainer {
         self.check_parameters(step)?;
         self.state.iteration = step;
         Ok(report)
-    }
-
-    /// Returns the gain of training view `index`.
-    fn gain(&self, index: usize) -> [f32; 3] {
-        self.state.gains.as_ref().map_or([1.0; 3], |gains| gains.gain(index))
-    }
-
-    /// Updates the gain of view `index`, unless it is not due after `step` or opacities are still
-    /// recovering from a reset.
-    fn measure_gain(&mut self, step: u32, index: usize) -> Result<(), TrainError> {
-        if self.schedule.is_recovering(step) {
-            return Ok(());
-        }
-        let Some(channels) = self.state.config.exposure_compensation.gain_channels() else { return Ok(()) };
-        let (options, gain, crop) = (self.render_options_of(step), self.gain(index), self.state.crop(step));
-        if !self.state.gains.as_ref().is_some_and(|gains| gains.measures_after(step)) {
-            return Ok(());
-        }
-        let reduction = self.views.factor(step);
-        let Some(view) = self.views.part_at(step, index, gain, crop)? else { return Ok(()) };
-        let mut render = self.engine.render(&view.camera, &options)?;
-        let seen = Seen { step, index, reduction, camera: &view.camera };
-        if let Some(vignetting) = self.lenses.as_ref().and_then(|lenses| self.state.vignetting_of(lenses, seen)) {
-            vignetting.apply(&mut render);
-        }
-        let found = match (&self.state.response, exposure_of(view)) {
-            (Some(response), Some(exposure_s)) => {
-                let knots = response.knots();
-                let exposure = self.state.radiance_scale.exposure(1.0, gain);
-                let radiance = |i: usize, c: usize| {
-                    let value = view.image.pixels.get(i).filter(|_| view.is_valid(i))?[c];
-                    Some(radiance_of(value, c, &knots, exposure_s)? / exposure[c])
-                };
-                log_gain(&render, radiance, channels)
-            }
-            _ => log_gain_of_view(&render, view, view.target.scale, channels),
-        };
-        if let (Some(gains), Some(found)) = (&mut self.state.gains, found) {
-            gains.shift(index, found);
-        }
-        Ok(())
     }
 
     /// Returns ln gain of every training view by channel, in the order of the views, or `None` if
@@ -237,7 +216,8 @@ impl Trainer {
 
     fn step_config(&self, step: u32) -> StepConfig {
         let config = &self.state.config;
-        let learning_rates = self.schedule.learning_rates(config, step);
+        let (factor, betas) = rates_of_batch(config);
+        let learning_rates = scaled(self.schedule.learning_rates(config, step), factor);
         let is_mcmc = config.strategy == Strategy::Mcmc;
         let noise = PositionNoise { scale: config.mcmc_noise * learning_rates.position, seed: self.state.noise_seed(step) };
         StepConfig {
@@ -245,6 +225,7 @@ impl Trainer {
             render: self.render_options_of(step),
             loss: config.loss_weights(),
             learning_rates,
+            betas,
             position_noise: is_mcmc.then_some(noise),
             stats: self.stats_of(step),
             camera_gradient: self.camera_gradient_of(step),

@@ -98,6 +98,11 @@ impl TrainingViews {
         self.full.len()
     }
 
+    /// Returns the name of view `index`.
+    pub(crate) fn name(&self, index: usize) -> &str {
+        self.full.get(index).map_or("", |view| &view.name)
+    }
+
     /// Returns the cameras at full resolution.
     pub(crate) fn cameras(&self) -> Vec<&Camera> {
         match &self.moved {

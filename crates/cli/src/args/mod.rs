@@ -23,7 +23,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use clap::{Arg, Args, CommandFactory, Parser, Subcommand};
+use clap::{Arg, Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use luxel::run::ExplicitArgs;
 use luxel_metrics::FieldOptions;
 use luxel_train::{Method, NamedChoice};
@@ -89,6 +89,7 @@ pub(crate) struct Cli {
 pub(crate) fn features() -> Vec<&'static str> {
     let mut features = luxel::build_info::features();
     features.extend(cfg!(feature = "view").then_some("view"));
+    features.extend(cfg!(feature = "mpi").then_some("mpi"));
     features
 }
 
@@ -225,6 +226,10 @@ pub(crate) struct TrainArgs {
     /// input open.
     #[arg(long, help_heading = "Run")]
     pub(crate) stop_at_end_of_input: bool,
+    /// Share each step's batch out to the processes that `mpirun` or `srun` started with this
+    /// command. Without --batch, a step has one view for each process.
+    #[arg(long, value_name = "BY", help_heading = "Machine")]
+    pub(crate) distributed: Option<DistributedArg>,
     /// Print the time spent in each pass at the end.
     #[arg(long, help_heading = "Output")]
     pub(crate) profile: bool,
@@ -248,6 +253,13 @@ pub(crate) struct TrainArgs {
     /// The method.
     #[command(flatten)]
     pub(crate) train: TrainOptions,
+}
+
+/// How processes that train together exchange data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum DistributedArg {
+    /// Through MPI; the program must be built with its feature mpi.
+    Mpi,
 }
 
 /// `luxel eval`.

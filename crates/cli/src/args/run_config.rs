@@ -76,8 +76,20 @@ mod tests {
     use crate::args::{Cli, Command};
 
     /// Options of `train` that are not part of a configuration; tests of the program cover each.
-    const BEHAVIOUR: [&str; 11] =
-        ["dataset", "output", "config", "overwrite", "resume", "stop_at_end_of_input", "profile", "log_format", "quiet", "help", "version"];
+    const BEHAVIOUR: [&str; 12] = [
+        "dataset",
+        "output",
+        "config",
+        "overwrite",
+        "resume",
+        "stop_at_end_of_input",
+        "distributed",
+        "profile",
+        "log_format",
+        "quiet",
+        "help",
+        "version",
+    ];
 
     /// The configuration and the explicit options of `luxel train data -o run` and `more`.
     fn parsed(more: &[String]) -> Result<(RunConfig, ExplicitArgs), clap::Error> {

@@ -3,15 +3,18 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use luxel::run::{ExplicitArgs, Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLock, TrainedRun, fresh, resume};
+use luxel::run::{
+    ExplicitArgs, Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLock, TrainedRun, follow, fresh_over, resume_over,
+};
 use luxel::{Remedy, output, text};
-use luxel_core::Dataset;
+use luxel_core::{Alone, Dataset, Exchange};
+use luxel_train::MAX_BATCH;
 use serde_json::json;
 
 use super::demo;
 #[cfg(feature = "view")]
 use super::view;
-use crate::args::{TrainArgs, run_config};
+use crate::args::{DistributedArg, TrainArgs, run_config};
 use crate::inputs::data;
 use crate::inputs::engine::training_engine;
 use crate::interrupt;
@@ -39,6 +42,32 @@ impl Start {
 
 /// Trains; `explicit` names the options that were given.
 pub(crate) fn run(args: &TrainArgs, explicit: &ExplicitArgs) -> Result<Outcome> {
+    match args.distributed {
+        None => lead(args, explicit, Box::new(Alone)),
+        Some(DistributedArg::Mpi) => run_over_mpi(args, explicit),
+    }
+}
+
+/// Trains as one of the ranks that MPI started. An error of one rank ends all.
+fn run_over_mpi(args: &TrainArgs, explicit: &ExplicitArgs) -> Result<Outcome> {
+    let connection = luxel_mpi::connect().context("--distributed mpi")?;
+    let exchange = connection.exchange();
+    let (rank, ranks) = (exchange.rank(), exchange.ranks());
+    let outcome =
+        if rank == 0 { lead(args, explicit, exchange) } else { follow(exchange, open_as_told, interrupt::stop()).map_err(Into::into) };
+    outcome.or_else(|error| {
+        let failed = crate::fail(&error.context(format!("rank {rank} of {ranks}, which ends the others")));
+        connection.abort(failed)
+    })
+}
+
+/// Opens the engine of a rank other than 0.
+fn open_as_told(config: &RunConfig) -> luxel::Result<luxel::SelectedEngine> {
+    training_engine(config).map_err(|error| luxel::Error::new(format!("{error:#}")))
+}
+
+/// Trains alone, or as rank 0, which has the run's folder.
+fn lead(args: &TrainArgs, explicit: &ExplicitArgs, exchange: Box<dyn Exchange>) -> Result<Outcome> {
     output::check_folder_name(&args.output, &output::RESULT_EXTENSIONS)?;
     let folder = RunFolder::at(&args.output);
     // A run is read under its lock: another luxel at work in the folder may be about to change it.
@@ -46,7 +75,7 @@ pub(crate) fn run(args: &TrainArgs, explicit: &ExplicitArgs) -> Result<Outcome> 
         Occupant::Run(_) if args.resume => Some(folder.lock()?),
         _ => None,
     };
-    let start = resolve(args, explicit, folder.occupant()?)?;
+    let start = resolve(args, explicit, folder.occupant()?, exchange.ranks())?;
     if args.stop_at_end_of_input {
         interrupt::at_end_of_input();
     }
@@ -61,14 +90,14 @@ pub(crate) fn run(args: &TrainArgs, explicit: &ExplicitArgs) -> Result<Outcome> 
     let TrainedRun { outcome, config, mut trainer, steps, .. } = match start {
         Start::Fresh(config) => {
             let (engine, given) = (training_engine(&config)?, config.clone());
-            fresh(config, engine, launch, |dataset| {
+            fresh_over(exchange, config, engine, launch, |dataset| {
                 check_used(dataset, &given, explicit, &console)?;
                 lock_free(&folder)
             })?
         }
         Start::Replace(config, replaced) => {
             let (engine, given) = (training_engine(&config)?, config.clone());
-            fresh(config, engine, launch, |dataset| {
+            fresh_over(exchange, config, engine, launch, |dataset| {
                 check_used(dataset, &given, explicit, &console)?;
                 let lock = folder.lock()?;
                 if replaced == MadeBy::Demo {
@@ -81,7 +110,7 @@ pub(crate) fn run(args: &TrainArgs, explicit: &ExplicitArgs) -> Result<Outcome> 
         Start::Resume(config) => {
             let lock = lock.map_or_else(|| folder.lock(), Ok)?;
             let engine = training_engine(&config)?;
-            resume(config, engine, launch, lock)?
+            resume_over(exchange, config, engine, launch, lock)?
         }
     };
     if args.profile {
@@ -93,7 +122,7 @@ pub(crate) fn run(args: &TrainArgs, explicit: &ExplicitArgs) -> Result<Outcome> 
 }
 
 /// Returns the configuration, by the command line and the content of the output folder.
-fn resolve(args: &TrainArgs, explicit: &ExplicitArgs, occupant: Occupant) -> Result<Start> {
+fn resolve(args: &TrainArgs, explicit: &ExplicitArgs, occupant: Occupant, ranks: usize) -> Result<Start> {
     let output = args.output.display();
     if args.resume {
         let Occupant::Run(stored) = occupant else { bail!("{output}: no run to resume; leave --resume out to start one") };
@@ -106,7 +135,10 @@ fn resolve(args: &TrainArgs, explicit: &ExplicitArgs, occupant: Occupant) -> Res
         let made_by = if is_same { stored.made_by } else { MadeBy::Train };
         return Ok(Start::Resume(RunConfig { dataset, made_by, ..config }));
     }
-    let config = from_command_line(args, explicit)?;
+    let mut config = from_command_line(args, explicit)?;
+    if config.train.batch == 1 && !explicit.contains("batch") {
+        config.train.batch = u32::try_from(ranks).unwrap_or(MAX_BATCH);
+    }
     run_config::reject_inapplicable(&config, explicit)?;
     match occupant {
         Occupant::Nothing => Ok(Start::Fresh(config)),

@@ -3,7 +3,7 @@
 //! In: splats, cameras, views and densification plans. Out: images, reports and splats. Images and
 //! radiance are in normalised units.
 
-use super::{DensifyPlan, DensifyStats, Evaluations, Geometry, Layers, PassTime, RenderOptions, StepConfig, StepReport};
+use super::{DensifyPlan, DensifyStats, Evaluations, Geometry, Layers, PassTime, RenderOptions, SparseGradients, StepConfig, StepReport};
 use crate::edit::Contributions;
 use crate::{Camera, Image, Moments, Remedy, Splats, View};
 
@@ -147,6 +147,25 @@ pub trait Engine: Send {
     /// by the camera.
     fn camera_gradient(&mut self, _view: &View, _step: &StepConfig) -> Result<StepReport, EngineError> {
         Err(EngineError::invalid("this engine has no gradients by the camera").with_remedy(Remedy::set("device", "cpu")))
+    }
+
+    /// Computes the gradients of one view of a batch, without an update. The scene and its
+    /// statistics stay as they are: the statistics that the step collects are in the result.
+    ///
+    /// # Errors
+    /// Those of [`Engine::train_step`]; [`EngineError::Invalid`] from an engine without gradients.
+    fn view_gradients(&mut self, _view: &View, _step: &StepConfig) -> Result<(StepReport, SparseGradients), EngineError> {
+        Err(EngineError::invalid("this engine has no gradients of single views").with_remedy(Remedy::set("device", "cpu")))
+    }
+
+    /// Makes the update of a step from the gradients of its batch, and adds their statistics. With
+    /// the gradients of one view, it is the update of [`Engine::train_step`].
+    ///
+    /// # Errors
+    /// [`EngineError::Invalid`] for gradients of other splats, or from an engine without gradients;
+    /// [`EngineError::Device`].
+    fn apply_gradients(&mut self, _gradients: &SparseGradients, _step: &StepConfig) -> Result<(), EngineError> {
+        Err(EngineError::invalid("this engine takes no gradients").with_remedy(Remedy::set("device", "cpu")))
     }
 
     /// Checks that all parameters are finite, as far as the engine can do so at little cost. A

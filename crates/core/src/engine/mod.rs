@@ -12,6 +12,7 @@ mod parameter_rows;
 mod pass;
 mod pixel_angle;
 mod raster;
+mod sparse_gradients;
 mod step;
 
 pub use camera_gradient::{CAMERA_SUMS, CameraGradient, CameraGradientChoice, CameraSums};
@@ -25,4 +26,5 @@ pub use parameter_rows::ParameterRows;
 pub use pass::{Pass, PassTime};
 pub use pixel_angle::{PIXEL_ANGLE_TERMS, PixelAngle};
 pub use raster::{Antialias, Cutoffs, Evaluations, JACOBIAN_MARGIN, Layers, MAX_SAMPLES, MIN_AREA_RATIO, RasterConfig, RenderOptions};
-pub use step::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, LearningRates, PositionNoise, StatsCollection, StepConfig, StepReport};
+pub use sparse_gradients::{SPLATS_PER_BLOCK, STATISTICS_ROWS, SparseGradients};
+pub use step::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, AdamBetas, LearningRates, PositionNoise, StatsCollection, StepConfig, StepReport};

@@ -30,6 +30,21 @@ pub struct LearningRates {
 pub const ADAM_BETA1: f32 = 0.9;
 /// Adam's beta_2.
 pub const ADAM_BETA2: f32 = 0.999;
+/// Adam's decay rates of the moments at one step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AdamBetas {
+    /// Decay rate of the first moments.
+    pub first: f32,
+    /// Decay rate of the second moments.
+    pub second: f32,
+}
+
+impl Default for AdamBetas {
+    fn default() -> Self {
+        Self { first: ADAM_BETA1, second: ADAM_BETA2 }
+    }
+}
+
 /// Adam's epsilon.
 pub const ADAM_EPSILON: f32 = 1e-15;
 
@@ -55,6 +70,8 @@ pub struct StepConfig {
     pub loss: LossWeights,
     /// Learning rates.
     pub learning_rates: LearningRates,
+    /// Adam's decay rates of the moments, in \[0, 1).
+    pub betas: AdamBetas,
     /// Noise after the update.
     pub position_noise: Option<PositionNoise>,
     /// Statistics that the step adds to [`super::DensifyStats`].

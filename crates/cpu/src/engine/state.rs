@@ -1,6 +1,8 @@
 //! [`State`]: the data of an engine, and its passes in their order. It uses the threads of the
 //! rayon pool in which it is called.
 
+mod batch;
+
 use std::time::Duration;
 
 use fearless_simd::Level;
@@ -30,7 +32,7 @@ use crate::passes::samples::{resolve, spread};
 use crate::passes::sort_and_rasterize::sort_and_rasterize;
 use crate::passes::sums::EntryGradient;
 use crate::passes::tile_records::{Recording, TileInputs, TileRecords};
-use crate::passes::update::{NextView, Scratch, UpdateBuffers, backward_and_adam, gradients};
+use crate::passes::update::{NextView, Scratch, UpdateBuffers, backward_and_adam};
 use crate::store::Store;
 use crate::view::ScreenCamera;
 
@@ -350,18 +352,6 @@ impl State {
     pub(super) fn camera_gradient(&mut self, camera: &ScreenCamera, view: &View, step: &StepConfig) -> StepReport {
         let report = self.forward_backward(camera, view, step);
         StepReport { camera: Some(self.camera_backward(camera, view, step)), ..report }
-    }
-
-    /// Computes a step's gradients without its update. The view has the size of the image.
-    pub(super) fn gradients(&mut self, camera: &ScreenCamera, view: &View, step: &StepConfig) -> (StepReport, Splats) {
-        let report = self.forward_backward(camera, view, step);
-        let Self { level, parameters, smoothing, stats, frame, timings, .. } = self;
-        let inputs = Inputs::new(parameters, smoothing, &frame.bins, &frame.entries, &step.loss);
-        let stats = (step.stats != StatsCollection::Off).then_some(stats);
-        let mut clock = Clock::new(timings);
-        let lanes = gradients(*level, camera, &inputs, &parameters.lanes, stats);
-        clock.lap(Pass::ProjectBackward);
-        (report, Store { lanes, ..Store::zeros(parameters.layout, parameters.count) }.to_splats())
     }
 
     /// Rebuilds the scene from a plan.

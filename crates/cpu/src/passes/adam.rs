@@ -5,7 +5,7 @@
 //! it counts as zero, and the moments decay all the same, as in 3DGS. In, out: parameters, moments.
 
 use fearless_simd::Simd;
-use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, LearningRates, ParameterRows, PositionNoise, StepConfig};
+use luxel_core::engine::{ADAM_EPSILON, AdamBetas, LearningRates, ParameterRows, PositionNoise, StepConfig};
 use luxel_core::{Real, each, random};
 
 use super::project::rotation_matrix;
@@ -38,6 +38,7 @@ pub(crate) struct Step {
     rates: Vec<f32>,
     /// 1 / (1 - beta2^t).
     correction2: f32,
+    betas: AdamBetas,
     noise: Option<PositionNoise>,
     count: usize,
 }
@@ -62,10 +63,11 @@ impl Step {
     /// Computes the factors from the step's configuration.
     pub(crate) fn new(StoreShape { layout, count }: StoreShape, config: &StepConfig) -> Self {
         let power = |beta: f32| (1.0 / (1.0 - f64::from(beta).powi(config.step.max(1).min(i32::MAX as u32) as i32))) as f32;
-        let correction1 = power(ADAM_BETA1);
+        let correction1 = power(config.betas.first);
         Self {
             rates: row_rates(layout, &config.learning_rates).into_iter().map(|rate| rate * correction1).collect(),
-            correction2: power(ADAM_BETA2),
+            correction2: power(config.betas.second),
+            betas: config.betas,
             noise: config.position_noise,
             count,
         }
@@ -99,33 +101,48 @@ fn move_parameters<S: Simd>(
 ) {
     // sqrt(v correction2) = sqrt(v) sqrt(correction2).
     let root2 = V::splat(simd, step.correction2.sqrt());
+    let factors = |rate: f32| RowFactors { rate, root2, betas: step.betas };
     let rows = parameters.iter_mut().zip(first).zip(second).zip(&step.rates);
     match gradient {
         Some(gradient) => {
             for ((((parameter, first), second), rate), gradient) in rows.zip(gradient) {
-                move_row(simd, *rate, root2, AdamRow { parameter, first, second }, Some(gradient));
+                move_row(simd, factors(*rate), AdamRow { parameter, first, second }, Some(gradient));
             }
         }
         None => {
             for (((parameter, first), second), rate) in rows {
-                move_row(simd, *rate, root2, AdamRow { parameter, first, second }, None);
+                move_row(simd, factors(*rate), AdamRow { parameter, first, second }, None);
             }
         }
     }
 }
 
-/// Moves one row. `root2` is the root of the second moment's correction.
+/// The factors of a row in a step.
+struct RowFactors<S: Simd> {
+    /// Learning rate over 1 - beta1^t.
+    rate: f32,
+    /// Root of the second moment's correction.
+    root2: V<S>,
+    betas: AdamBetas,
+}
+
+/// Moves one row.
 #[inline(always)]
-fn move_row<S: Simd>(simd: S, rate: f32, root2: V<S>, AdamRow { parameter, first, second }: AdamRow<'_>, gradient: Option<&Lanes>) {
+fn move_row<S: Simd>(
+    simd: S,
+    RowFactors { rate, root2, betas }: RowFactors<S>,
+    AdamRow { parameter, first, second }: AdamRow<'_>,
+    gradient: Option<&Lanes>,
+) {
     let c = |value: f32| V::splat(simd, value);
     // All loads before the stores: the three rows lie at equal offsets of their pages, so the
     // processor would take each load for one that depends on the store before it.
     let before = V::load(simd, parameter);
-    let (mut m, mut v) = (V::load(simd, first) * ADAM_BETA1, V::load(simd, second) * ADAM_BETA2);
+    let (mut m, mut v) = (V::load(simd, first) * betas.first, V::load(simd, second) * betas.second);
     if let Some(gradient) = gradient {
         let g = V::load(simd, gradient);
-        m = g.mul_add(c(1.0 - ADAM_BETA1), m);
-        v = (g * g).mul_add(c(1.0 - ADAM_BETA2), v);
+        m = g.mul_add(c(1.0 - betas.first), m);
+        v = (g * g).mul_add(c(1.0 - betas.second), v);
     }
     let after = before - m * rate / v.sqrt().mul_add(root2, c(ADAM_EPSILON));
     m.store(first);

@@ -42,6 +42,7 @@ pub(crate) mod rasterize_backward;
 pub(crate) mod samples;
 pub(crate) mod sort;
 pub(crate) mod sort_and_rasterize;
+pub(crate) mod sparse_update;
 pub(crate) mod splat_channels;
 pub(crate) mod sums;
 pub(crate) mod tile_records;

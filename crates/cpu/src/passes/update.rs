@@ -6,8 +6,8 @@
 //!
 //! A chunk's gradients are computed and consumed while they are in the cache: in training they
 //! never exist all at once. The next projection also uses the chunk's parameters while they are in
-//! the cache. [`gradients`] keeps all gradients instead, for tests and for reductions over
-//! machines.
+//! the cache. [`gradients`] keeps all gradients instead, for tests; [`super::sparse_update`] has
+//! the two halves apart, for batches.
 
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
@@ -28,7 +28,7 @@ use crate::store::Block;
 use crate::view::ScreenCamera;
 
 /// Blocks of splats per chunk: parameters, moments and gradients fit in a core's own cache.
-const CHUNK: usize = 16;
+pub(crate) const CHUNK: usize = 16;
 /// Chunks that a thread takes at once. Few, so that no thread waits long for another at the end:
 /// chunks with visible splats take longer.
 const CHUNKS_AT_A_TIME: usize = 4;
@@ -40,7 +40,7 @@ pub(crate) struct Scratch {
 }
 
 /// The statistics of a chunk's splats.
-struct ChunkStats<'a> {
+pub(crate) struct ChunkStats<'a> {
     norm: &'a mut [f32],
     absolute: &'a mut [f32],
     views: &'a mut [u32],
@@ -48,7 +48,7 @@ struct ChunkStats<'a> {
 
 impl ChunkStats<'_> {
     /// Returns the statistics of block `n` of the chunk.
-    fn block(&mut self, n: usize) -> BlockStats<'_> {
+    pub(crate) fn block(&mut self, n: usize) -> BlockStats<'_> {
         let range = n * LANES..((n + 1) * LANES).min(self.views.len());
         BlockStats { norm: &mut self.norm[range.clone()], absolute: &mut self.absolute[range.clone()], views: &mut self.views[range] }
     }
@@ -66,7 +66,8 @@ struct Chunk<'a> {
     footprints: Option<&'a mut [Footprint]>,
 }
 
-fn stats_chunks(stats: &mut DensifyStats) -> impl IndexedParallelIterator<Item = ChunkStats<'_>> {
+/// Returns the statistics chunk by chunk.
+pub(crate) fn stats_chunks(stats: &mut DensifyStats) -> impl IndexedParallelIterator<Item = ChunkStats<'_>> {
     const SPLATS: usize = CHUNK * LANES;
     (stats.gradient.par_chunks_mut(SPLATS), stats.abs_gradient.par_chunks_mut(SPLATS), stats.views.par_chunks_mut(SPLATS))
         .into_par_iter()

@@ -1,7 +1,7 @@
 //! Scenes, cameras and views for the tests, from fixed seeds.
 
 use glam::{DAffine3, DQuat, DVec2, DVec3};
-use luxel_core::engine::{CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
+use luxel_core::engine::{AdamBetas, CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
 use luxel_core::{
     Antialias, Camera, CameraProjection, ColorModel, Cutoffs, Distortion, Image, LossWeights, Mask, PixelValues, RasterConfig,
     RenderOptions, SH_OFFSET, Splat, Splats, Target, View, random, sh,
@@ -196,6 +196,7 @@ pub fn step(step: u32, render: RenderOptions) -> StepConfig {
         render,
         loss: LossWeights { squared_share: 0.4, opacity_weight: 0.01, scale_weight: 0.02, ..LossWeights::default() },
         learning_rates: LEARNING_RATES,
+        betas: AdamBetas::default(),
         position_noise: None,
         stats: StatsCollection::GradientsAndAbsolute,
         camera_gradient: CameraGradientChoice::Skip,

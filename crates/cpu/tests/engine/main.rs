@@ -5,6 +5,7 @@
 #![allow(unreachable_pub, reason = "modules of a test share their items")]
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
+mod batch;
 mod blend_reference;
 mod blending;
 mod camera;

@@ -5,7 +5,7 @@
 use std::time::Instant;
 
 use luxel_core::edit::Contributions;
-use luxel_core::engine::{CameraGradientChoice, DensifyPlan, DensifyStats, Geometry, StepConfig};
+use luxel_core::engine::{CameraGradientChoice, DensifyPlan, DensifyStats, Geometry, SparseGradients, StepConfig};
 use luxel_core::{Camera, Engine, EngineError, Image, Moments, Pass, PassTime, RenderOptions, Splats, StepReport, View};
 
 use super::{GpuEngine, Submission, step_report};
@@ -110,6 +110,15 @@ impl Engine for GpuEngine {
         }
         let (camera, by_vignetting) = (Some(self.read_camera_gradient(view, step)?), self.read_vignetting_gradient(view)?);
         Ok(StepReport { camera, by_vignetting, ..report })
+    }
+
+    fn view_gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, SparseGradients), EngineError> {
+        view.validate()?;
+        self.read_view_gradients(view, step)
+    }
+
+    fn apply_gradients(&mut self, gradients: &SparseGradients, step: &StepConfig) -> Result<(), EngineError> {
+        self.update_from(gradients, step)
     }
 
     fn finish(&mut self) -> Result<(), EngineError> {

@@ -8,7 +8,7 @@ use super::{GpuEngine, Submission};
 use crate::device::Buffer;
 use crate::forward::PixelKind;
 use crate::scene::GpuScene;
-use crate::step::{Recorder, VignettingKind};
+use crate::step::{GradientOutput, Recorder, VignettingKind};
 
 impl GpuEngine {
     /// Computes [`Self::gradients`] with `surplus` tiles too many for each visible splat, and with
@@ -23,7 +23,8 @@ impl GpuEngine {
         let scratch = GpuScene::zeros(&self.gpu, self.scene.rows, self.scene.count, self.shard_len())?;
         let out: Vec<Buffer> = scratch.shards.into_iter().map(|shard| shard.first).collect();
         // This leaves footprints, places and the order of depths.
-        self.run(&Submission::Gradients { view, step, out: &out })?;
+        let output = GradientOutput { gradients: &out, statistics: None };
+        self.run(&Submission::Gradients { view, step, out: output })?;
         let Self { gpu, scene, frame, commands, targets, slots, .. } = self;
         let bytes = gpu.read(&frame.splats.places, 8 * scene.count as u64)?;
         let mut places: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&bytes);
@@ -37,7 +38,7 @@ impl GpuEngine {
         let mut recorder = Recorder { gpu, commands, frame, scene, size_px: view.camera.size_px, samples: 1, pixels: PixelKind::Places };
         recorder.forward_from_bin();
         recorder.backward(target, VignettingKind::of(view));
-        recorder.update(Some(&out));
+        recorder.update(Some(GradientOutput { gradients: &out, statistics: None }));
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let segments = commands.encode(&mut encoder, None);
         let report = slots.take(gpu)?.submit(gpu, encoder, &frame.state, None, segments);

@@ -106,7 +106,11 @@ fn structures_lie_in_memory_as_the_shaders_expect() {
             seed_low,
             seed_high,
             stats,
-            padding
+            beta_1,
+            beta_2,
+            padding_0,
+            padding_1,
+            padding_2
         ]
     );
     check!(KernelId::SortCount, "Sort", SortUniform, [shift, count, flags, padding]);

@@ -1,6 +1,6 @@
 // Pass `adam`: moves a parameter (Kingma and Ba 2015). Twin: cpu/passes/adam.rs. It runs within
 // `project_backward`, as soon as a parameter's gradient is known and the parameter is no longer
-// needed, so gradients are never stored.
+// needed, so gradients are never stored; for batches, within `apply`, from gradients that are.
 
 struct Optimizer {
     position: f32,
@@ -22,7 +22,12 @@ struct Optimizer {
     seed_high: u32,
     // Whether densification statistics are collected.
     stats: u32,
-    padding: u32,
+    // Decay rates of the moments.
+    beta_1: f32,
+    beta_2: f32,
+    padding_0: u32,
+    padding_1: u32,
+    padding_2: u32,
 }
 
 // ONLY_GRADIENTS: gradients are stored in place of the first moments, and nothing else changes.
@@ -36,8 +41,8 @@ fn update_parameter(row: u32, i: u32, gradient: f32, rate: f32) {
         first[at] = gradient;
         return;
     }
-    let m = first[at] * ADAM_BETA1 + gradient * (1.0 - ADAM_BETA1);
-    let v = second[at] * ADAM_BETA2 + (gradient * gradient) * (1.0 - ADAM_BETA2);
+    let m = first[at] * optimizer.beta_1 + gradient * (1.0 - optimizer.beta_1);
+    let v = second[at] * optimizer.beta_2 + (gradient * gradient) * (1.0 - optimizer.beta_2);
     first[at] = m;
     second[at] = v;
     parameters[at] -= m * rate / (sqrt(v) * optimizer.root_correction_2 + ADAM_EPSILON);

@@ -3,14 +3,6 @@
 // `camera`, `shard` and `parameters`, with rows in the order of layout.rs, and `linearise` of
 // linearise.wgsl or linearise_rays.wgsl.
 
-fn parameter(row: u32, i: u32) -> f32 {
-    return parameters[row * shard.stride + i];
-}
-
-fn parameter3(row: u32, i: u32) -> vec3f {
-    return vec3f(parameter(row, i), parameter(row + 1u, i), parameter(row + 2u, i));
-}
-
 struct Projection {
     // The projection linearised at the splat.
     at: Linearised,

@@ -18,6 +18,7 @@
 #![allow(unreachable_pub, reason = "modules of a test share their items")]
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
+mod batch;
 mod camera;
 mod compare;
 mod contract;
@@ -54,7 +55,7 @@ const THREAD_ORDER: &[&str] = &[
 
 /// Returns the tests that `LUXEL_GPU_TESTS` selects.
 fn selected() -> Vec<(&'static str, Body)> {
-    let all = [passes::ALL, parity::ALL, camera::ALL, vignetting::ALL, wide::ALL, contract::ALL].concat();
+    let all = [passes::ALL, parity::ALL, batch::ALL, camera::ALL, vignetting::ALL, wide::ALL, contract::ALL].concat();
     for name in THREAD_ORDER {
         assert!(all.iter().any(|(found, _)| found == name), "THREAD_ORDER: there is no test {name}");
     }

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::checks::{self, CheckedView};
 use super::fingerprint::Fingerprint;
-use super::image_memory::{PlannedImage, plan};
+use super::image_memory::{PlannedImage, ViewPlace, plan};
 use super::load::{LoadedView, load_view};
 use super::metres::metres_per_unit;
 use super::observations::{ObservedView, map_points};
@@ -160,13 +160,18 @@ fn load_views(path: &Path, used: &[SelectedFrame], options: &LoadOptions, loadin
     if let Some(check) = loading.check {
         check(&plan)?;
     }
+    let places = places(used);
+    let elsewhere = ViewCache::new(None, Residency::new(0));
     let cache = (!plan.fits()).then(|| ViewCache::new(loading.cache, Residency::new(plan.resident_bytes())));
     let (first_bad, done, total) = (AtomicUsize::new(usize::MAX), AtomicUsize::new(0), used.len());
-    let load = |(used, &rank): (&SelectedFrame, &usize)| {
+    let load = |((used, &rank), &place): ((&SelectedFrame, &usize), &ViewPlace)| {
         if rank > first_bad.load(Ordering::Relaxed) {
             return None;
         }
         let loaded = match &cache {
+            None if loading.keep.is_some_and(|keep| !keep(place)) => {
+                load_view(&used.frame, options).and_then(|view| elsewhere.store(&used.frame, options, view))
+            }
             None => load_view(&used.frame, options),
             Some(cache) => match cache.find(&used.frame, options) {
                 Some(view) => Ok(view),
@@ -185,9 +190,9 @@ fn load_views(path: &Path, used: &[SelectedFrame], options: &LoadOptions, loadin
     };
     // Memory has room for a few images only while they are decoded.
     let parallel = if cache.is_some() { plan.parallel() } else { used.len() };
-    let chunks = used.chunks(parallel.max(1)).zip(rank.chunks(parallel.max(1)));
+    let chunks = used.chunks(parallel.max(1)).zip(rank.chunks(parallel.max(1))).zip(places.chunks(parallel.max(1)));
     let loaded: Vec<Option<Result<LoadedView, IoError>>> =
-        chunks.flat_map(|(used, rank)| used.par_iter().zip(rank).map(load).collect::<Vec<_>>()).collect();
+        chunks.flat_map(|((used, rank), place)| used.par_iter().zip(rank).zip(place).map(load).collect::<Vec<_>>()).collect();
     if let Some(cache) = &cache {
         cache.prune(used.iter().map(|used| &used.frame), options);
     }
@@ -201,6 +206,12 @@ fn load_views(path: &Path, used: &[SelectedFrame], options: &LoadOptions, loadin
         }
     }
     bad.map_or(Ok(views), |(_, error)| Err(error))
+}
+
+/// Returns the place of each view; those to train on come first.
+fn places(used: &[SelectedFrame]) -> Vec<ViewPlace> {
+    let train = used.iter().filter(|used| used.part == Part::Train).count();
+    (0..used.len()).map(|i| if i < train { ViewPlace::Train(i) } else { ViewPlace::Test(i - train) }).collect()
 }
 
 /// Names are unique and not empty.

@@ -112,6 +112,18 @@ impl From<ImageMemory> for String {
 /// A function that may refuse a plan before an image is read.
 pub type CheckPlan<'a> = dyn Fn(&ImagePlan) -> Result<(), IoError> + Sync + 'a;
 
+/// A view by its number among those of its side of the split, in the order of the data set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ViewPlace {
+    /// A view to train on.
+    Train(usize),
+    /// A view that is held out.
+    Test(usize),
+}
+
+/// A function that chooses the views whose pixels stay in memory.
+pub type KeepView<'a> = dyn Fn(ViewPlace) -> bool + Sync + 'a;
+
 /// How the images of a data set are held while it is used.
 #[derive(Clone, Copy, Default)]
 pub struct Loading<'a> {
@@ -124,6 +136,9 @@ pub struct Loading<'a> {
     pub progress: Option<&'a (dyn Fn(LoadProgress) + Sync)>,
     /// May refuse a plan before an image is read.
     pub check: Option<&'a CheckPlan<'a>>,
+    /// Which views stay in memory where all have room; the others are decoded from their files
+    /// whenever they are needed. Without it, all stay.
+    pub keep: Option<&'a KeepView<'a>>,
 }
 
 /// An event while a data set is read.

@@ -67,7 +67,7 @@ use crate::image::Transfer;
 pub use described::{DatasetDescription, describe_dataset};
 pub use detect::detect_format;
 pub use files::composed;
-pub use image_memory::{CheckPlan, ImageMemory, ImagePlan, LoadProgress, Loading, VIEWS_IN_USE};
+pub use image_memory::{CheckPlan, ImageMemory, ImagePlan, KeepView, LoadProgress, Loading, VIEWS_IN_USE, ViewPlace};
 pub use in_memory::{MemoryDataset, MemoryPoint, MemoryView, dataset_in_memory};
 pub use layout_llff::{RecordedPose, parse_recorded_poses};
 pub use layout_metashape::{MetashapeCameras, parse_metashape};

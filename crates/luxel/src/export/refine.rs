@@ -16,7 +16,7 @@ use std::borrow::Cow;
 use std::path::Path;
 use std::time::Instant;
 
-use luxel_core::engine::{CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
+use luxel_core::engine::{AdamBetas, CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
 use luxel_core::{Dataset, Engine, LossWeights, PixelValues, Scene, Similarity, Target, ToneCurve, View};
 use luxel_io::{Appearance, BakeOptions, Baked};
 
@@ -145,6 +145,7 @@ pub(super) fn refine(
                 luminance_dc: 0.0,
                 luminance_rest: 0.0,
             },
+            betas: AdamBetas::default(),
             position_noise: None,
             stats: StatsCollection::Off,
             camera_gradient: CameraGradientChoice::Skip,

@@ -204,8 +204,16 @@ impl RunConfig {
     /// A file that cannot be read, or is not a configuration of this version.
     pub fn read(path: &Path) -> Result<Self> {
         let content = files::read_text(path, LIMIT_BYTES)?;
-        let parsed = toml::from_str::<Self>(&content).and_then(|config| Ok((config, toml::from_str::<toml::Table>(&content)?)));
-        let (config, table) = parsed.with_context(|| format!("{}: not a configuration of this version of luxel", path.display()))?;
+        Self::parse(&content).with_context(|| format!("{}: not a configuration of this version of luxel", path.display()))
+    }
+
+    /// Parses what [`Self::to_toml`] returns. Options of the method that it leaves out have the
+    /// value of its preset.
+    ///
+    /// # Errors
+    /// Text that is not a configuration of this version.
+    pub fn parse(content: &str) -> Result<Self> {
+        let (config, table) = (toml::from_str::<Self>(content)?, toml::from_str::<toml::Table>(content)?);
         Ok(Self { train: config.train.with_preset(|id| value(&table, TRAIN, id).is_some()), ..config })
     }
 

@@ -6,10 +6,11 @@
 
 use std::path::Path;
 
-use luxel_core::{Dataset as CoreDataset, Engine, Remedy};
+use luxel_core::{Alone, Dataset as CoreDataset, Engine, Exchange, Remedy};
 use luxel_io::{ImageMemory, ImagePlan, system_memory};
-use luxel_train::Trainer;
+use luxel_train::{RankViews, Trainer};
 
+use super::ranks::{keeps, tell_settings, tell_state, views_of};
 use super::{Outcome, RunConfig, RunFolder, RunLock, RunMemory, Session, state};
 use crate::error::{Context, bail};
 use crate::{Dataset, Error, ImageLimits, Observer, Result, SelectedEngine, StopFlag, text};
@@ -62,13 +63,29 @@ pub fn fresh(
     launch: Launch<'_>,
     make_room: impl FnOnce(&CoreDataset) -> Result<RunLock>,
 ) -> Result<TrainedRun> {
+    fresh_over(Box::new(Alone), config, selected, launch, make_room)
+}
+
+/// Runs as [`fresh`] does, as rank 0 of a distributed run; the other ranks [`super::follow`].
+///
+/// # Errors
+/// As [`fresh`]; ranks that cannot be reached.
+pub fn fresh_over(
+    mut exchange: Box<dyn Exchange>,
+    config: RunConfig,
+    selected: SelectedEngine,
+    launch: Launch<'_>,
+    make_room: impl FnOnce(&CoreDataset) -> Result<RunLock>,
+) -> Result<TrainedRun> {
     let SelectedEngine { mut engine, threads, machine, computed_by, gpu, .. } = selected;
     config.validate().context("cannot start training")?;
     // Settings without a text form must not cost the run that is to be replaced.
     config.to_toml().with_context(|| format!("{}: config.toml cannot hold these settings", config.dataset.display()))?;
-    let dataset = open_dataset(&config.dataset_path(launch.folder.root()), &config, launch, gpu.is_some())?;
+    tell_settings(&mut *exchange, &config, launch.folder)?;
+    let views = views_of(&*exchange, &config);
+    let dataset = open_dataset(&config.dataset_path(launch.folder.root()), &config, launch, gpu.is_some(), views)?;
     limit_images(engine.as_mut(), &config);
-    let trainer = Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?;
+    let trainer = Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?.with_exchange(exchange);
     let lock = make_room(&dataset)?;
     launch.folder.write_config(&config)?;
     train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })
@@ -80,11 +97,27 @@ pub fn fresh(
 /// As [`fresh`]; a folder without a checkpoint that can be read; a checkpoint of other settings
 /// than those of `config`.
 pub fn resume(config: RunConfig, selected: SelectedEngine, launch: Launch<'_>, lock: RunLock) -> Result<TrainedRun> {
+    resume_over(Box::new(Alone), config, selected, launch, lock)
+}
+
+/// Continues a run as [`resume`] does, as rank 0 of a distributed run; the other ranks
+/// [`super::follow`]. Their number may differ from that before.
+///
+/// # Errors
+/// As [`resume`]; ranks that cannot be reached.
+pub fn resume_over(
+    mut exchange: Box<dyn Exchange>,
+    config: RunConfig,
+    selected: SelectedEngine,
+    launch: Launch<'_>,
+    lock: RunLock,
+) -> Result<TrainedRun> {
     let SelectedEngine { mut engine, threads, machine, computed_by, gpu, .. } = selected;
     config.validate().context("cannot resume")?;
     let (folder, observer) = (launch.folder, launch.observer);
     let path = config.find_dataset(folder.root(), Remedy::give("dataset"))?;
-    let dataset = open_dataset(&path, &config, launch, gpu.is_some())?;
+    tell_settings(&mut *exchange, &config, folder)?;
+    let dataset = open_dataset(&path, &config, launch, gpu.is_some(), views_of(&*exchange, &config))?;
     limit_images(engine.as_mut(), &config);
     let trainer = match state::take_checkpoint(folder, observer)? {
         Some((path, snapshot)) => {
@@ -103,22 +136,24 @@ pub fn resume(config: RunConfig, selected: SelectedEngine, launch: Launch<'_>, l
             return Err(Error::new(message).with_remedy(remedy));
         }
     };
+    let trainer = trainer.with_exchange(exchange);
     folder.write_config(&config)?;
     train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })
 }
 
 /// Reads the data set of a run within its limit of memory for images. Says before what the run will
 /// take, and refuses what the system does not have.
-fn open_dataset(path: &Path, config: &RunConfig, launch: Launch<'_>, is_on_gpu: bool) -> Result<Dataset> {
+pub(super) fn open_dataset(path: &Path, config: &RunConfig, launch: Launch<'_>, is_on_gpu: bool, views: RankViews) -> Result<Dataset> {
     let cache = launch.folder.image_cache();
     let check = |plan: &ImagePlan| RunMemory::new(plan, &config.train, is_on_gpu).check(plan, system_memory());
-    let limits = ImageLimits { image_memory: config.run.image_memory, cache: Some(&cache), check: Some(&check) };
+    let keep = |place| keeps(views, place);
+    let limits = ImageLimits { image_memory: config.run.image_memory, cache: Some(&cache), check: Some(&check), keep: Some(&keep) };
     let planned = |plan: &ImagePlan| launch.observer.note(&RunMemory::new(plan, &config.train, is_on_gpu).line());
     Dataset::open_planned(path, &config.load, limits, launch.observer, &planned)
 }
 
 /// Applies a limit that was given to what the engine keeps of images, too.
-fn limit_images(engine: &mut dyn Engine, config: &RunConfig) {
+pub(super) fn limit_images(engine: &mut dyn Engine, config: &RunConfig) {
     if let ImageMemory::Bytes(bytes) = config.run.image_memory {
         engine.limit_images(bytes);
     }
@@ -126,7 +161,7 @@ fn limit_images(engine: &mut dyn Engine, config: &RunConfig) {
 
 /// Gives a resumed trainer the number of steps of `config`; everything else must be as the
 /// checkpoint has it.
-fn continue_with(config: &RunConfig, trainer: &mut Trainer) -> Result<()> {
+pub(super) fn continue_with(config: &RunConfig, trainer: &mut Trainer) -> Result<()> {
     let (wanted, made) = (config.train.iterations, trainer.iteration());
     if wanted < made {
         let message = format!("{wanted} iterations: the run has made {made} steps already");
@@ -139,10 +174,25 @@ fn continue_with(config: &RunConfig, trainer: &mut Trainer) -> Result<()> {
     Ok(())
 }
 
+/// Says how a batch is divided, and warns of ranks that have no part in it.
+fn report_ranks(exchange: &dyn Exchange, config: &RunConfig, observer: &dyn Observer) {
+    let (ranks, batch) = (exchange.ranks(), config.train.batch);
+    let idle = (0..ranks).filter(|rank| !RankViews { batch, ranks, rank: *rank }.are_any()).count();
+    if ranks > 1 {
+        observer.note(&format!("{} a step, over {ranks} ranks", text::plural(batch as usize, "view")));
+    }
+    if idle > 0 {
+        observer
+            .warn(&format!("{idle} of {ranks} ranks have no view to train on: start as many ranks as there are views a step, or fewer"));
+    }
+}
+
 fn train(config: RunConfig, launch: Launch<'_>, ready: ReadyRun) -> Result<TrainedRun> {
-    let ReadyRun { dataset, trainer, threads, machine, computed_by, lock: _lock } = ready;
+    let ReadyRun { dataset, mut trainer, threads, machine, computed_by, lock: _lock } = ready;
     let Launch { folder, observer, stop } = launch;
+    tell_state(&mut trainer)?;
     observer.note(&format!("starting with {} on {}", text::plural(trainer.splats_len(), "splat"), machine));
+    report_ranks(trainer.exchange(), &config, observer);
     let first = trainer.iteration();
     let session = Session { dataset: &dataset, folder, config: &config, threads, computed_by, observer, stop, trainer };
     let (outcome, trainer) = session.run()?;

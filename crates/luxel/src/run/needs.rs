@@ -64,11 +64,13 @@ impl RunMemory {
         let step = pixel_bytes * step_samples + tile_bytes.min(TILE_PIXEL_BYTES * step_samples);
         let measurement = (RENDER_PIXEL_BYTES * samples + MEASURED_PIXEL_BYTES) * plan.largest_px;
         let rows = ParameterRows { color_model: train.color_model() }.count() as u64;
+        // Those of each view, and their sum.
+        let gradients = if train.batch > 1 { u64::from(train.batch) + 1 } else { 0 };
         let most_splats = train.splat_limit(plan.train_px) as u64;
         Self {
             images_bytes: plan.memory_bytes(),
             buffers_bytes: BASE_BYTES + step.max(measurement),
-            splat_bytes: 4 * COPIES * rows + SPLAT_BYTES,
+            splat_bytes: 4 * (COPIES + gradients) * rows + SPLAT_BYTES,
             splats: train.max_splats.map_or(u64::from(train.init_points).min(most_splats), u64::from),
             most_splats,
             is_most_in_steps: step > measurement,

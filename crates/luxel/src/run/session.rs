@@ -135,7 +135,8 @@ impl Session<'_> {
                 downscale = self.trainer.downscale();
                 self.report_resolution(downscale);
             }
-            if self.stop.is_requested() {
+            self.trainer.announce_stop(self.stop.is_requested());
+            if self.trainer.is_asked_to_stop() {
                 self.check_folder(state)?;
                 self.log(state)?;
                 self.save(state)?;

@@ -133,6 +133,16 @@ choices! {
         Color: "color",
     }
 
+    /// The rule by which the optimiser's rates follow the number of views a step.
+    pub enum BatchRule = Sqrt {
+        /// Learning rates and Adam's betas stay as they are for one view
+        Keep: "keep",
+        /// Learning rates times the root of the number of views; betas to its power
+        Sqrt: "sqrt",
+        /// Learning rates times the number of views; betas to its power
+        Linear: "linear",
+    }
+
     /// The rule by which the radiance of one normalised unit is chosen from the training views.
     pub enum ScaleRule = P99 {
         /// The median of (R + G + B) / 3 becomes 0.05, the middle of the mu-law's range

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::range::Range;
 use super::spec::{Access, Condition, OptionSpec, OptionValue, check_in, parse_in};
-use super::{CutoffPreset, ExposureCompensation, MAX_SEED, Method, Preset, ScaleRule, Strategy};
+use super::{BatchRule, CutoffPreset, ExposureCompensation, MAX_BATCH, MAX_SEED, Method, Preset, ScaleRule, Strategy};
 use crate::{NoiseChoice, ResolutionSchedule};
 
 /// Writes the struct, its defaults and the list of options.
@@ -76,8 +76,13 @@ options! {
         /// Preset of values for the options below; explicit options take precedence, and the preset
         /// replaces the values of a configuration file
         preset: Preset = Preset::Fast, "PRESET", Range::Any;
-        /// Number of training steps, one view each
+        /// Number of training steps, of `batch` views each
         iterations: u32 = 9_000, "N", Range::AtLeast(1);
+        /// Number of views a step: their gradients are averaged for one update, so a step takes as
+        /// many times as long, and a run needs fewer steps
+        batch: u32 = 1, "N", Range::Limits { min: 1, max: MAX_BATCH as u64 };
+        /// Rule by which the optimiser's rates follow `batch`
+        batch_rule: BatchRule = BatchRule::Sqrt, "BATCH_RULE", Range::Any, needs: [Batch];
         /// Seed of all random numbers
         seed: u64 = 42, "N", Range::Limits { min: 0, max: MAX_SEED };
         /// Train on reduced images first: off, auto, or FACTOR@STEP pairs such as
@@ -180,7 +185,7 @@ options! {
         densify_from: Option<u32> = None, "STEP", Range::Any, unset: "500, in runs below 10000 steps a twentieth of them";
         /// Step before which densification ends
         densify_until: Option<u32> = None, "STEP", Range::Any, unset: "half of the steps for adc, five sixths for mcmc";
-        /// Number of steps between two rounds of densification
+        /// Number of steps between two rounds of densification; with `batch`, of views
         densify_interval: u32 = 100, "N", Range::AtLeast(1);
         /// Mean screen-space gradient (NDC units) above which a splat is cloned or split
         densify_threshold: f32 = 2e-4, "GRADIENT", Range::Positive, needs: [Adc];
@@ -201,7 +206,7 @@ options! {
         /// together make up this fraction of the images; 0 turns it off
         prune_unseen: f32 = 0.0, "FRACTION", Range::Share, needs: [Adc];
         /// Number of steps between two resets of all opacities to at most 0.01 during
-        /// densification; 0 turns them off
+        /// densification, with `batch` of views; 0 turns them off
         opacity_reset_interval: u32 = 3000, "N", Range::Any, needs: [Adc];
         /// Growth of the number of splats per round
         mcmc_growth: f32 = 0.05, "FRACTION", Range::Share, needs: [Mcmc];

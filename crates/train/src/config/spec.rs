@@ -125,6 +125,8 @@ pub enum Condition {
     Mcmc,
     /// Splats are split by absolute gradients.
     Absgrad,
+    /// A step has more than one view.
+    Batch,
     /// Pixels are supersampled.
     Supersampling,
     /// Poses are optimised.
@@ -137,11 +139,12 @@ pub enum Condition {
 
 impl Condition {
     /// All conditions.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Lcd,
         Self::Adc,
         Self::Mcmc,
         Self::Absgrad,
+        Self::Batch,
         Self::Supersampling,
         Self::RefinePoses,
         Self::RadianceImages,
@@ -154,6 +157,7 @@ impl Condition {
             Self::Lcd => "method",
             Self::Adc | Self::Mcmc => "strategy",
             Self::Absgrad => "absgrad",
+            Self::Batch => "batch",
             Self::Supersampling => "samples",
             Self::RefinePoses => "refine_poses",
             Self::RadianceImages | Self::CapturedImages => "supervision",
@@ -167,7 +171,7 @@ impl Condition {
             Self::Adc => "adc",
             Self::Mcmc => "mcmc",
             Self::Absgrad | Self::RefinePoses => "",
-            Self::Supersampling => "above 1",
+            Self::Batch | Self::Supersampling => "above 1",
             Self::RadianceImages => "hdr",
             Self::CapturedImages => "ldr",
         }
@@ -180,6 +184,7 @@ impl Condition {
             Self::Adc => Some(config.strategy == Strategy::Adc),
             Self::Mcmc => Some(config.strategy == Strategy::Mcmc),
             Self::Absgrad => Some(config.absgrad),
+            Self::Batch => Some(config.batch > 1),
             Self::Supersampling => Some(config.samples > 1),
             Self::RefinePoses => Some(config.refine_poses),
             Self::RadianceImages | Self::CapturedImages => None,

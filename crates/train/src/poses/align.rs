@@ -7,7 +7,7 @@
 //! training cameras say it does, which the given test poses cannot know.
 
 use glam::DVec3;
-use luxel_core::engine::{CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
+use luxel_core::engine::{AdamBetas, CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
 use luxel_core::{Camera, CameraMotion, Engine, EngineError, Knots, LossWeights, RadianceScale, RenderOptions, Target, ToneCurve, View};
 
 use super::{angle_of_pixel, correction, decay};
@@ -112,6 +112,7 @@ fn step(scene: &AlignmentScene) -> StepConfig {
         render: scene.render,
         loss: scene.loss,
         learning_rates: none,
+        betas: AdamBetas::default(),
         position_noise: None,
         stats: StatsCollection::Off,
         camera_gradient: CameraGradientChoice::Compute,

@@ -4,7 +4,8 @@
 //! the steps where a log line is due; a warning, once, where no view showed a splat for as long.
 //! Splats with such parameters are culled, and a black image has a finite loss.
 
-use luxel_core::EngineError;
+use luxel_core::engine::Geometry;
+use luxel_core::{EngineError, ExchangeError};
 
 use super::Trainer;
 use crate::TrainError;
@@ -49,6 +50,7 @@ impl Trainer {
         if !step.is_multiple_of(CHECK_EVERY) && step < self.state.config.iterations {
             return Ok(());
         }
+        self.compare_ranks(step)?;
         self.engine.check_finite().map_err(|error| match error {
             EngineError::Splats(source) => {
                 let view = self.recent.back().map(|(_, view)| view.clone()).unwrap_or_default();
@@ -58,6 +60,31 @@ impl Trainer {
         })
     }
 }
+
+impl Trainer {
+    /// Compares a digest of the geometry after `step` over the ranks of a distributed run: machines
+    /// with other instruction sets round otherwise, and would train scenes that drift apart.
+    fn compare_ranks(&mut self, step: u32) -> Result<(), TrainError> {
+        if self.exchange.ranks() == 1 {
+            return Ok(());
+        }
+        let Geometry { position, log_scale, opacity_logit } = self.engine.geometry()?;
+        let numbers = position.as_flattened().iter().chain(log_scale.as_flattened()).chain(&opacity_logit);
+        let digest = numbers.fold(DIGEST_START, |digest, value| (digest ^ u64::from(value.to_bits())).wrapping_mul(DIGEST_FACTOR));
+        let digests = self.exchange.all_gather(&[digest as u32, (digest >> 32) as u32])?;
+        match digests.iter().position(|found| *found != digests[0]) {
+            Some(rank) => Err(ExchangeError(format!(
+                "after step {step}, rank {rank} holds another scene than rank 0; run all ranks on processors, or GPUs, of the same kind"
+            ))
+            .into()),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Start and factor of FNV-1a in 64 bits, here over words.
+const DIGEST_START: u64 = 0xcbf2_9ce4_8422_2325;
+const DIGEST_FACTOR: u64 = 0x0000_0100_0000_01b3;
 
 #[cfg(test)]
 mod tests {

@@ -3,7 +3,7 @@
 //! In: a data set, a configuration or a snapshot, an engine. Out: a [`Trainer`] whose engine holds
 //! the scene. Degenerate: views or states that cannot be trained are errors.
 
-use luxel_core::{Antialias, CameraProjection, Dataset, Engine, RadianceScale, Snapshot, View, spatial_order};
+use luxel_core::{Alone, Antialias, CameraProjection, Dataset, Engine, RadianceScale, Snapshot, View, spatial_order};
 
 use super::health::Visibility;
 use super::{Trainer, VecDeque};
@@ -29,6 +29,7 @@ impl Trainer {
     pub fn new(dataset: &Dataset, config: TrainConfig, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
         config.validate()?;
         check_views(dataset)?;
+        check_batch(dataset, &config)?;
         check_focal(dataset, &config)?;
         check_lenses(dataset, &config)?;
         let response = is_recorded(&dataset.train)?.then(|| CameraResponse::new(config.unit_exposure, &dataset.train));
@@ -86,7 +87,7 @@ impl Trainer {
         let config = &state.config;
         let schedule = Schedule::new(config, state.planned_iterations, state.extent);
         let side_px = dataset.train.iter().flat_map(|view| view.camera.size_px).min().unwrap_or(1);
-        let stages = config.resolution_schedule.stages(state.planned_iterations, config.densify_interval, side_px);
+        let stages = config.resolution_schedule.stages(state.planned_iterations, schedule.densify_interval, side_px);
         let tone = ToneScale { radiance_scale: state.radiance_scale, mu: config.mu };
         let views = TrainingViews::new(&dataset.train, stages, config.noise_model, tone);
         let lenses = state.vignetting.is_some().then(|| Lenses::new(dataset));
@@ -104,6 +105,10 @@ impl Trainer {
             visibility: Visibility::default(),
             poses,
             lenses,
+            exchange: Box::new(Alone),
+            step_views: Vec::new(),
+            wants_to_stop: false,
+            is_asked_to_stop: false,
         };
         trainer.restore_poses();
         trainer
@@ -117,6 +122,16 @@ fn check_views(dataset: &Dataset) -> Result<(), TrainError> {
     }
     dataset.train.iter().try_for_each(View::validate)?;
     Ok(())
+}
+
+/// Checks that there is a view for each slot of a batch.
+fn check_batch(dataset: &Dataset, config: &TrainConfig) -> Result<(), TrainError> {
+    match dataset.train.len() {
+        views if views < config.batch as usize => {
+            Err(TrainError::config("batch", format!("found {}, expected at most {views}, the number of training views", config.batch)))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Checks that focal lengths can be optimised, if they are to be: those of pinhole cameras can.

@@ -1,0 +1,304 @@
+//! The sum of a batch's gradients over slots, within a process and over ranks.
+//!
+//! In: the gradients of the slots that this rank computes. Out: their sum over all slots, on every
+//! rank. Sums follow a binary tree over the slots: of `n` slots, the largest power of two below `n`
+//! is one half. Which rank adds two numbers does not change them, so the sum has the same bits for
+//! any number of ranks, and for one process.
+//!
+//! A rank first adds up whatever the tree adds among its own slots. Then the ranks share out the
+//! scene's blocks: each receives the others' gradients of its blocks, adds them up, and sends the
+//! result to all. Every rank thus sends and receives its gradients about twice, however many ranks
+//! there are; splats that no view of the batch shows are never sent. Degenerate: ranks without a
+//! slot add up their share all the same.
+
+use std::ops::Range;
+
+use luxel_core::engine::{ParameterRows, SparseGradients};
+use luxel_core::{Exchange, ExchangeError};
+use rayon::prelude::*;
+
+use crate::TrainError;
+
+/// The slots of a batch, and which of them each rank computes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Slots {
+    pub(crate) batch: usize,
+    pub(crate) ranks: usize,
+}
+
+impl Slots {
+    /// Returns the slots of a rank; neighbours, so that the tree adds them first.
+    pub(crate) fn of_rank(self, rank: usize) -> Range<usize> {
+        let start = |rank: usize| (rank * self.batch).div_ceil(self.ranks);
+        start(rank)..start(rank + 1)
+    }
+
+    /// Returns the largest nodes of the tree within a rank's slots, from left to right.
+    fn nodes(self, rank: usize) -> Vec<Range<usize>> {
+        let mut nodes = Vec::new();
+        collect_nodes(0..self.batch, &self.of_rank(rank), &mut nodes);
+        nodes
+    }
+}
+
+/// The views that a rank of a distributed run trains on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RankViews {
+    /// Views a step.
+    pub batch: u32,
+    /// Number of ranks.
+    pub ranks: usize,
+    /// This rank.
+    pub rank: usize,
+}
+
+impl RankViews {
+    /// Returns whether the rank trains on this training view: all others belong to other slots of a
+    /// batch.
+    ///
+    /// ```
+    /// use luxel_train::RankViews;
+    ///
+    /// let of = |rank| RankViews { batch: 4, ranks: 2, rank };
+    /// let views = |rank| (0..9).filter(|view| of(rank).contain(*view)).collect::<Vec<_>>();
+    /// assert_eq!((views(0), views(1)), (vec![0, 1, 4, 5, 8], vec![2, 3, 6, 7]));
+    /// ```
+    pub fn contain(self, view: usize) -> bool {
+        let batch = self.batch.max(1) as usize;
+        Slots { batch, ranks: self.ranks }.of_rank(self.rank).contains(&(view % batch))
+    }
+
+    /// Returns whether the rank has any view to train on.
+    pub fn are_any(self) -> bool {
+        !Slots { batch: self.batch.max(1) as usize, ranks: self.ranks }.of_rank(self.rank).is_empty()
+    }
+}
+
+/// Returns the slot at which the tree divides a node of at least two.
+fn middle(node: &Range<usize>) -> usize {
+    node.start + (node.len().next_power_of_two() / 2)
+}
+
+fn collect_nodes(node: Range<usize>, own: &Range<usize>, nodes: &mut Vec<Range<usize>>) {
+    if own.start <= node.start && node.end <= own.end {
+        nodes.push(node);
+    } else if own.start < node.end && node.start < own.end {
+        let middle = middle(&node);
+        collect_nodes(node.start..middle, own, nodes);
+        collect_nodes(middle..node.end, own, nodes);
+    }
+}
+
+/// The gradients of a node of the tree.
+struct Node<'a> {
+    slots: Range<usize>,
+    gradients: &'a SparseGradients,
+}
+
+/// The tree of a sum, with the gradients of some of its nodes as leaves.
+enum Tree<'a> {
+    Leaf(&'a SparseGradients),
+    Pair(Box<Tree<'a>>, Box<Tree<'a>>),
+}
+
+impl<'a> Tree<'a> {
+    /// Returns the tree of a node; `None` if a slot is among no leaf.
+    fn of(node: Range<usize>, leaves: &[Node<'a>]) -> Option<Self> {
+        if let Some(leaf) = leaves.iter().find(|leaf| leaf.slots == node) {
+            return Some(Self::Leaf(leaf.gradients));
+        }
+        if node.len() < 2 {
+            return None;
+        }
+        let middle = middle(&node);
+        Some(Self::Pair(Self::of(node.start..middle, leaves)?.into(), Self::of(middle..node.end, leaves)?.into()))
+    }
+
+    /// Returns the sum of all leaves.
+    fn sum(&self, rows: ParameterRows) -> SparseGradients {
+        let mut blocks = Vec::new();
+        self.collect_blocks(&mut blocks);
+        blocks.sort_unstable();
+        blocks.dedup();
+        let mut sum = SparseGradients::none(rows);
+        sum.reserve(blocks.len());
+        blocks.iter().for_each(|block| {
+            sum.push(*block);
+        });
+        let block_len = sum.block_len();
+        sum.values_mut().par_chunks_exact_mut(block_len).zip(&blocks).with_min_len(64).for_each(|(out, block)| {
+            self.write_block(*block, out);
+        });
+        sum
+    }
+
+    fn collect_blocks(&self, blocks: &mut Vec<u32>) {
+        match self {
+            Self::Leaf(gradients) => blocks.extend_from_slice(gradients.blocks()),
+            Self::Pair(left, right) => {
+                left.collect_blocks(blocks);
+                right.collect_blocks(blocks);
+            }
+        }
+    }
+
+    /// Writes the sum of a block and returns true, or leaves `out` alone if no leaf has the block.
+    fn write_block(&self, block: u32, out: &mut [f32]) -> bool {
+        match self {
+            Self::Leaf(gradients) => gradients.values_of(block).is_some_and(|values| {
+                out.copy_from_slice(values);
+                true
+            }),
+            Self::Pair(left, right) if !left.write_block(block, out) => right.write_block(block, out),
+            Self::Pair(_, right) => {
+                let mut own = Vec::new();
+                let values = match &**right {
+                    Self::Leaf(gradients) => gradients.values_of(block),
+                    pair => {
+                        own.resize(out.len(), 0.0);
+                        pair.write_block(block, &mut own).then_some(&*own)
+                    }
+                };
+                for (out, value) in out.iter_mut().zip(values.unwrap_or_default()) {
+                    *out += value;
+                }
+                true
+            }
+        }
+    }
+}
+
+/// Returns the sum of the gradients of all slots. `own` has those of this rank's slots, in their
+/// order; the scene has `blocks` blocks.
+///
+/// # Errors
+/// Ranks that cannot exchange data.
+pub(crate) fn sum_over_slots(
+    exchange: &mut dyn Exchange,
+    slots: Slots,
+    own: &[SparseGradients],
+    scene: BlockShape,
+) -> Result<SparseGradients, TrainError> {
+    let BlockShape { rows, blocks } = scene;
+    let leaf = |(slot, gradients)| Node { slots: slot..slot + 1, gradients };
+    let leaves: Vec<Node<'_>> = slots.of_rank(exchange.rank()).zip(own).map(leaf).collect();
+    if slots.ranks == 1 {
+        return Ok(tree_of(0..slots.batch, &leaves)?.sum(rows));
+    }
+    let partial: Vec<SparseGradients> =
+        slots.nodes(exchange.rank()).into_iter().map(|node| Ok(tree_of(node, &leaves)?.sum(rows))).collect::<Result<_, TrainError>>()?;
+    let share = |rank: usize| {
+        let start = |rank: usize| (u64::from(blocks) * rank as u64 / slots.ranks as u64) as u32;
+        start(rank)..start(rank + 1)
+    };
+    let message = |rank: usize| {
+        let mut message = Vec::new();
+        partial.iter().for_each(|gradients| gradients.write_part(&share(rank), &mut message));
+        message
+    };
+    let messages: Vec<Vec<u32>> = (0..slots.ranks).into_par_iter().map(message).collect();
+    drop(partial);
+    let received = exchange.all_to_all(messages)?;
+    let mut parts = Vec::new();
+    for (rank, message) in received.iter().enumerate() {
+        let mut message = &**message;
+        for node in slots.nodes(rank) {
+            parts.push((node, SparseGradients::read_part(rows, &mut message).ok_or_else(|| lost("gradients"))?));
+        }
+    }
+    let leaves: Vec<Node<'_>> = parts.iter().map(|(node, gradients)| Node { slots: node.clone(), gradients }).collect();
+    let mut message = Vec::new();
+    tree_of(0..slots.batch, &leaves)?.sum(rows).write_part(&(0..blocks), &mut message);
+    let mut sum = SparseGradients::none(rows);
+    for message in exchange.all_gather(&message)? {
+        sum.extend(&SparseGradients::read_part(rows, &mut &*message).ok_or_else(|| lost("sums"))?);
+    }
+    Ok(sum)
+}
+
+/// Returns the tree of a node over these leaves.
+fn tree_of<'a>(node: Range<usize>, leaves: &[Node<'a>]) -> Result<Tree<'a>, TrainError> {
+    Tree::of(node, leaves).ok_or_else(|| lost("a slot of the batch"))
+}
+
+/// The blocks of a scene's gradients.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BlockShape {
+    pub(crate) rows: ParameterRows,
+    /// Number of blocks of the scene.
+    pub(crate) blocks: u32,
+}
+
+/// Returns the error of ranks that are not in step.
+pub(crate) fn lost(what: &str) -> TrainError {
+    ExchangeError(format!("{what}: the ranks are not in step; do all run the same version of the program with the same options?")).into()
+}
+
+#[cfg(test)]
+mod tests {
+    use luxel_core::{Alone, ColorModel};
+
+    use super::*;
+    use crate::testing::on_ranks;
+
+    const SCENE: BlockShape = BlockShape { rows: ParameterRows { color_model: ColorModel::Sh { degree: 0 } }, blocks: 9 };
+
+    /// Gradients of a slot, of numbers whose sum depends on the order.
+    fn of_slot(slot: usize) -> SparseGradients {
+        let mut gradients = SparseGradients::none(SCENE.rows);
+        for block in (0..SCENE.blocks).filter(|block| !(*block as usize + slot).is_multiple_of(3)) {
+            let values = gradients.push(block);
+            values.iter_mut().enumerate().for_each(|(i, value)| *value = (1.0 + i as f32 * 0.37) * 1.7f32.powi(3 * slot as i32 - 7));
+        }
+        gradients
+    }
+
+    #[test]
+    fn slots_are_divided_without_gaps() {
+        for (batch, ranks) in [(1, 1), (1, 3), (2, 2), (5, 2), (4, 8), (7, 3)] {
+            let slots = Slots { batch, ranks };
+            let all: Vec<usize> = (0..ranks).flat_map(|rank| slots.of_rank(rank)).collect();
+            assert!(all.iter().copied().eq(0..batch), "{batch} {ranks}: {all:?}");
+            assert_eq!(slots.of_rank(0).start, 0);
+            assert!(!slots.of_rank(0).is_empty(), "{batch} {ranks}");
+        }
+    }
+
+    #[test]
+    fn a_sum_has_the_same_bits_for_any_number_of_ranks() {
+        for batch in [1, 2, 3, 4, 6, 7] {
+            let all: Vec<SparseGradients> = (0..batch).map(of_slot).collect();
+            let alone = sum_over_slots(&mut Alone, Slots { batch, ranks: 1 }, &all, SCENE).unwrap();
+            for ranks in [2, 3, 5] {
+                let slots = Slots { batch, ranks };
+                let sums = on_ranks(ranks, |mut exchange| {
+                    let own: Vec<SparseGradients> = slots.of_rank(exchange.rank()).map(of_slot).collect();
+                    sum_over_slots(&mut exchange, slots, &own, SCENE).unwrap()
+                });
+                assert!(sums.iter().all(|sum| *sum == alone), "{batch} views on {ranks} ranks");
+            }
+        }
+    }
+
+    #[test]
+    fn the_tree_adds_pairs_first() {
+        let value = |slot: usize| of_slot(slot).values_of(4).map(|values| values[5]).unwrap_or(0.0);
+        let all: Vec<SparseGradients> = (0..5).map(of_slot).collect();
+        let sum = sum_over_slots(&mut Alone, Slots { batch: 5, ranks: 1 }, &all, SCENE).unwrap();
+        let expected = ((value(0) + value(1)) + (value(2) + value(3))) + value(4);
+        assert_eq!(sum.values_of(4).unwrap()[5], expected);
+    }
+
+    #[test]
+    fn a_message_that_is_cut_short_is_an_error() {
+        let errors = on_ranks(2, |mut exchange| {
+            if exchange.rank() == 0 {
+                let own = [of_slot(0)];
+                return sum_over_slots(&mut exchange, Slots { batch: 2, ranks: 2 }, &own, SCENE).unwrap_err().to_string();
+            }
+            exchange.all_to_all(vec![vec![3], vec![0]]).unwrap();
+            String::new()
+        });
+        assert!(errors[0].contains("not in step"), "{errors:?}");
+    }
+}
