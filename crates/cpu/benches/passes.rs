@@ -89,6 +89,7 @@ impl Session {
                 luminance_rest: rate,
             },
             position_noise: None,
+            dropout: None,
             stats: StatsCollection::Gradients,
             camera_gradient: CameraGradientChoice::Skip,
         };

@@ -150,7 +150,7 @@ fn checked_camera(camera: &Camera, options: &RenderOptions, lenses: &mut Lenses)
 /// Returns the camera of a view, after checking that image and mask have its size.
 fn checked_view(view: &View, step: &StepConfig, lenses: &mut Lenses) -> Result<ScreenCamera, EngineError> {
     view.validate()?;
-    checked_camera(&view.camera, &step.render, lenses)
+    Ok(ScreenCamera { dropout: step.dropout, ..checked_camera(&view.camera, &step.render, lenses)? })
 }
 
 impl Engine for CpuEngine {

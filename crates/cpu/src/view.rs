@@ -6,8 +6,7 @@
 use std::sync::Arc;
 
 use fearless_simd::Simd;
-use luxel_core::engine::{BlendOptions, MatrixCamera};
-use luxel_core::engine::{JACOBIAN_MARGIN, ParameterRows};
+use luxel_core::engine::{BlendOptions, Dropout, JACOBIAN_MARGIN, MatrixCamera, ParameterRows};
 use luxel_core::{Antialias, Camera, CameraError, Cutoffs, MAX_SAMPLES, Real, RenderOptions, each};
 
 use crate::lanes::{Lanes, V, dot};
@@ -54,6 +53,8 @@ pub(crate) struct ScreenCamera {
     pub(crate) filter: ScreenFilter,
     pub(crate) background: [f32; 3],
     pub(crate) active_degree: usize,
+    /// Splats that are left out.
+    pub(crate) dropout: Option<Dropout>,
     /// The rays of the pixels; `None` for a pinhole.
     pub(crate) rays: Option<Arc<RayTable>>,
 }
@@ -85,6 +86,7 @@ impl ScreenCamera {
             filter: ScreenFilter::new(options.raster.antialias),
             background: options.background,
             active_degree: options.active_degree,
+            dropout: None,
             rays,
         })
     }
@@ -115,6 +117,7 @@ impl ScreenCamera {
             filter: ScreenFilter { dilation_px2: options.dilation_px2, compensates_opacity: options.compensates_opacity, smooths: false },
             background: [0.0; 3],
             active_degree: 0,
+            dropout: None,
             rays: None,
         }
     }

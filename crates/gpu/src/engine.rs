@@ -245,9 +245,9 @@ impl GpuEngine {
         let (camera, options, purpose) = match work {
             Submission::Render { camera, options } => (*camera, *options, Purpose::Image),
             // It reads what the backward pass reads.
-            Submission::Contributions { camera, options, .. } => (*camera, *options, Purpose::Training(StatsCollection::Off)),
+            Submission::Contributions { camera, options, .. } => (*camera, *options, Purpose::Training(StatsCollection::Off, None)),
             Submission::Train { view, step } | Submission::Gradients { view, step, .. } | Submission::CameraGradient { view, step } => {
-                (&view.camera, &step.render, Purpose::Training(step.stats))
+                (&view.camera, &step.render, Purpose::Training(step.stats, step.dropout))
             }
         };
         let (camera, samples) = &supersampled(camera, options);

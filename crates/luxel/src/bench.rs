@@ -106,6 +106,7 @@ fn step(protocol: &Protocol, step: u32) -> StepConfig {
             luminance_rest: LEARNING_RATE,
         },
         position_noise: None,
+        dropout: None,
         stats: StatsCollection::Gradients,
         camera_gradient: CameraGradientChoice::Skip,
     }

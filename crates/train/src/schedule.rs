@@ -113,6 +113,13 @@ impl Schedule {
         if step < first { 1 } else { samples }
     }
 
+    /// Returns the fraction of the splats that `step` leaves out, if any: it rises linearly from 0,
+    /// and stays at `dropout` where a run goes on beyond its planned end.
+    pub fn dropout_rate(&self, config: &TrainConfig, step: u32) -> Option<f32> {
+        let rate = config.dropout * (step as f32 / self.iterations.max(1) as f32).min(1.0);
+        (rate > 0.0).then_some(rate)
+    }
+
     /// Returns whether `step` collects statistics for densification.
     pub fn is_densifying(&self, step: u32) -> bool {
         step < self.densify_until

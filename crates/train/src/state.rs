@@ -21,6 +21,8 @@ const VERSION: u32 = 2;
 
 /// Constant that separates the random stream of crops from others of the same seed.
 const CROP_STREAM: u64 = 0x6c75_7865_6c02;
+/// Constant that separates the random stream of dropout from others of the same seed.
+const DROPOUT_STREAM: u64 = 0x6c75_7865_6c03;
 
 /// The state of a run, without its arrays.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -127,6 +129,12 @@ impl State {
     pub(crate) fn crop(&self, step: u32) -> Option<Crop> {
         let seed = || Pcg64Mcg::seed_from_u64(self.config.seed ^ (u64::from(step) << 32) ^ CROP_STREAM).random();
         self.config.crop.map(|side_px| Crop { side_px, seed: seed() })
+    }
+
+    /// Returns the seed of the splats that `step` leaves out, which depends on the run's seed and
+    /// the step alone.
+    pub(crate) fn dropout_seed(&self, step: u32) -> u32 {
+        Pcg64Mcg::seed_from_u64(self.config.seed ^ (u64::from(step) << 32) ^ DROPOUT_STREAM).random()
     }
 
     pub(crate) fn to_json(&self) -> Result<String, TrainError> {

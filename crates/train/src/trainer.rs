@@ -18,7 +18,7 @@ mod vignetting;
 
 use std::collections::VecDeque;
 
-use luxel_core::engine::{PositionNoise, StepConfig};
+use luxel_core::engine::{Dropout, PositionNoise, StepConfig};
 use luxel_core::{ColorSpace, Engine, Knots, Moments, RadianceScale, RasterConfig, RenderOptions, Scene, Similarity, Snapshot, StepReport};
 use luxel_metrics::{log_gain, log_gain_of_view};
 
@@ -246,6 +246,7 @@ impl Trainer {
             loss: config.loss_weights(),
             learning_rates,
             position_noise: is_mcmc.then_some(noise),
+            dropout: self.schedule.dropout_rate(config, step).map(|rate| Dropout { rate, seed: self.state.dropout_seed(step) }),
             stats: self.stats_of(step),
             camera_gradient: self.camera_gradient_of(step),
         }

@@ -13,6 +13,7 @@ use fearless_simd::prelude::*;
 use luxel_core::engine::{MIN_AREA_RATIO, ParameterRows};
 use luxel_core::{Real, each};
 
+use super::dropout::drawn;
 use super::encoding::{Encoding, Logarithmic};
 use crate::lanes::{LANES, Lanes, M, V, dot};
 use crate::rays::Touch;
@@ -283,7 +284,8 @@ pub(crate) fn project_block<S: Simd>(
     out: &mut [Footprint],
 ) {
     let alive = count - (index * LANES).min(count);
-    let p = Projection::new::<Logarithmic>(simd, camera, rows, smoothing.get(index));
+    let mut p = Projection::new::<Logarithmic>(simd, camera, rows, smoothing.get(index));
+    p.opacity = drawn(simd, camera, index, p.opacity);
     let centered = Centered::new(simd, camera, rows, &p, alive);
     if !centered.mask.any_true() {
         out.fill(Footprint::zeroed());

@@ -15,6 +15,7 @@ use fearless_simd::prelude::*;
 use luxel_core::engine::ParameterRows;
 use luxel_core::{Real, each};
 
+use super::dropout::drawn;
 use super::encoding::Logarithmic;
 use super::project::{Footprint, Linearised, Projection, SQRT_HALF_LOG2_E, thresholds};
 use crate::lanes::{LANES, Lanes, V, dot};
@@ -107,7 +108,8 @@ pub(crate) fn project_block<S: Simd>(
 ) {
     let c = |value: f32| V::splat(simd, value);
     let alive = count - (index * LANES).min(count);
-    let (p, facing) = project_to_plane(simd, camera, rays, rows, smoothing.get(index));
+    let (mut p, facing) = project_to_plane(simd, camera, rays, rows, smoothing.get(index));
+    p.opacity = drawn(simd, camera, index, p.opacity);
     let opacity = p.opacity * p.compensation * p.filter_factor;
     let floor = c(camera.cutoffs.alpha_floor.min(camera.cutoffs.min_alpha));
     let widest = (opacity / floor).max(c(1.0)).ln() * 2.0;

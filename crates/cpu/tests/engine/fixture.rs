@@ -197,6 +197,7 @@ pub fn step(step: u32, render: RenderOptions) -> StepConfig {
         loss: LossWeights { squared_share: 0.4, opacity_weight: 0.01, scale_weight: 0.02, ..LossWeights::default() },
         learning_rates: LEARNING_RATES,
         position_noise: None,
+        dropout: None,
         stats: StatsCollection::GradientsAndAbsolute,
         camera_gradient: CameraGradientChoice::Skip,
     }

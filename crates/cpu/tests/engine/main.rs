@@ -10,6 +10,7 @@ mod blending;
 mod camera;
 mod contract;
 mod curves;
+mod dropout;
 mod edits;
 mod fixture;
 mod gradients;

@@ -81,7 +81,11 @@ fn structures_lie_in_memory_as_the_shaders_expect() {
             flags,
             count,
             entry_capacity,
-            samples
+            samples,
+            dropout_rate,
+            opacity_factor,
+            dropout_seed,
+            padding
         ]
     );
     check!(update, "Shard", ShardUniform, [base, len, stride, padding]);

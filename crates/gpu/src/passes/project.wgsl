@@ -23,6 +23,19 @@ fn depth_key(depth: f32) -> u32 {
     return min((max(bits, near) - near) >> 1u, CULLED_KEY - 1u);
 }
 
+// Finaliser of MurmurHash3 (Appleby 2011). Twin: core/random.rs.
+fn mix32(value: u32) -> u32 {
+    var h = (value ^ (value >> 16u)) * 0x85ebca6bu;
+    h = (h ^ (h >> 13u)) * 0xc2b2ae35u;
+    return h ^ (h >> 16u);
+}
+
+// Reports whether the step draws a splat. Twin: core/engine/dropout.rs.
+fn is_drawn(splat: u32) -> bool {
+    let uniform_number = f32(mix32(mix32(splat + 0x9e3779b9u) ^ camera.dropout_seed) >> 8u) / 16777216.0;
+    return uniform_number >= camera.dropout_rate;
+}
+
 @compute @workgroup_size(256)
 fn project(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
     let i = group_index(workgroup) * 256u + local;
@@ -32,9 +45,12 @@ fn project(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_in
     let splat = shard.base + i;
     depth_keys[splat] = CULLED_KEY;
     places[splat] = vec2u(0u);
+    if (!is_drawn(splat)) {
+        return;
+    }
 
     let p = project_splat(i);
-    let opacity = p.opacity * p.compensation * p.filter_factor;
+    let opacity = p.opacity * p.compensation * p.filter_factor * camera.opacity_factor;
     // A splat whose largest possible footprint misses the image skips colour and the rest.
     let floor_alpha = min(camera.alpha_floor, camera.min_alpha);
     let widest = log(max(opacity / floor_alpha, 1.0)) * 2.0;

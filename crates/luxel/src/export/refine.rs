@@ -146,6 +146,7 @@ pub(super) fn refine(
                 luminance_rest: 0.0,
             },
             position_noise: None,
+            dropout: None,
             stats: StatsCollection::Off,
             camera_gradient: CameraGradientChoice::Skip,
         };

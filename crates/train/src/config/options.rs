@@ -89,6 +89,10 @@ options! {
         /// Fraction of the steps, at the end and after densification, over which the parameters are
         /// averaged to the final scene; 0 turns it off
         average_share: f32 = 0.15, "FRACTION", Range::ShareBelowOne;
+        /// Fraction of the splats that a step leaves out at random, so that training views are not
+        /// fitted by splats that other views contradict; it rises from 0 at the first step to this
+        /// at the last
+        dropout: f32 = 0.2, "FRACTION", Range::ShareBelowOne;
     }
     "Colour model" {
         /// Colour model

@@ -113,6 +113,7 @@ fn step(scene: &AlignmentScene) -> StepConfig {
         loss: scene.loss,
         learning_rates: none,
         position_noise: None,
+        dropout: None,
         stats: StatsCollection::Off,
         camera_gradient: CameraGradientChoice::Compute,
     }
