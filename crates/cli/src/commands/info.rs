@@ -68,7 +68,7 @@ fn describe(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs, console: &Con
     Ok(facts)
 }
 
-/// Returns whether a file of OpenUSD text is no scene and has cameras.
+/// Returns whether a file of OpenUSD is no scene and has cameras.
 fn has_only_cameras(path: &Path) -> bool {
     let cameras = || luxel_io::read_file(path).and_then(|bytes| luxel_io::decode_usd_cameras(path, &bytes));
     luxel_io::read_scene_file(path).is_err() && cameras().is_ok_and(|cameras| !cameras.is_empty())

@@ -3,18 +3,18 @@
 //! In: a data set, a configuration or a snapshot, an engine. Out: a [`Trainer`] whose engine holds
 //! the scene. Degenerate: views or states that cannot be trained are errors.
 
-use luxel_core::{Antialias, CameraProjection, Dataset, Engine, RadianceScale, Snapshot, View, spatial_order};
+use luxel_core::{Antialias, CameraProjection, Dataset, Engine, Snapshot, View, spatial_order};
 
 use super::health::Visibility;
 use super::{Trainer, VecDeque};
 use crate::average::Average;
 use crate::camera_response::CameraResponse;
 use crate::pixel_weights::ToneScale;
-use crate::recorded::{as_radiance, is_recorded};
+use crate::recorded::is_recorded;
 use crate::state::{Start, State, poses_of};
 use crate::views::TrainingViews;
 use crate::vignetting::{Lenses, check_lenses};
-use crate::{Schedule, TrainConfig, TrainError, choose_radiance_scale, initialise};
+use crate::{Initial, Schedule, TrainConfig, TrainError, initialise};
 
 /// Factor between the greatest distance of a camera from the cameras' centroid and the scene's
 /// extent (Kerbl et al. 2023).
@@ -32,15 +32,8 @@ impl Trainer {
         check_focal(dataset, &config)?;
         check_lenses(dataset, &config)?;
         let response = is_recorded(&dataset.train)?.then(|| CameraResponse::new(config.unit_exposure, &dataset.train));
-        let radiance = response.as_ref().map(|response| as_radiance(dataset, &response.knots()));
-        let start = radiance.as_ref().unwrap_or(dataset);
-        let radiance_scale = match config.radiance_scale {
-            Some(scale) => RadianceScale::try_from(scale).map_err(|e| TrainError::config("radiance-scale", e.to_string()))?,
-            None => choose_radiance_scale(&start.train, config.scale_rule)?,
-        };
-        let initial = initialise(start, &config, radiance_scale)?;
-        drop(radiance);
-        let splats = initial.select(spatial_order(&initial.position));
+        let Initial { splats, radiance_scale } = initialise(dataset, &config, response.as_ref().map(CameraResponse::knots))?;
+        let splats = splats.select(spatial_order(&splats.position));
         let extent = scene_extent(&dataset.train, &splats.position);
         engine.load(&splats, None)?;
         tracing::info!(
