@@ -19,7 +19,8 @@ pub use contract::{Engine, EngineError};
 pub use densify::{DensifyPlan, DensifyStats, Geometry, PlanRow};
 pub use differentiable::{
     AbsoluteMeans, ActivatedSplats, BlendGradient, BlendOptions, BlendedPixels, BlendedSplats, Channels, ColorGradient, Differentiable,
-    DirectionalColors, EllipseGradient, MatrixCamera, PixelGradient, ProjectedSplats, ScreenEllipses, SplatGradient, check_len,
+    DirectionalColors, EllipseGradient, MatrixCamera, PixelGradient, ProjectedSplats, ScreenEllipses, ShapeParameters, SplatGradient,
+    check_len,
 };
 pub use parameter_rows::ParameterRows;
 pub use pass::{Pass, PassTime};
