@@ -28,7 +28,7 @@ means, quats = torch.from_numpy(scene.positions), torch.from_numpy(scene.rotatio
 scales, opacities = torch.from_numpy(np.exp(scene.log_scales)), torch.sigmoid(torch.from_numpy(scene.opacity_logits))
 chroma = torch.nn.Parameter(torch.from_numpy(scene.sh))
 luminance = torch.nn.Parameter(torch.from_numpy(scene.raw_luminance))
-activation = scene.color_model.split("-")[3]
+activation = "softplus" if scene.color_model == "lcd" else scene.color_model.rsplit("-", 1)[1]
 
 
 # %% text

@@ -31,8 +31,8 @@ dataset, scene = luxel.Dataset.open(dataset_path), luxel.Scene.open(scene_path)
 means, quats = torch.from_numpy(scene.positions), torch.from_numpy(scene.rotations)
 scales, opacities = torch.from_numpy(np.exp(scene.log_scales)), torch.sigmoid(torch.from_numpy(scene.opacity_logits))
 chroma, luminance = torch.from_numpy(scene.sh), torch.from_numpy(scene.raw_luminance)
-# The name of the model is lcd, its degrees, and the activation: lcd-c3-l0-softplus.
-activation = scene.color_model.split("-")[3]
+# The name of the model ends with the activation, lcd-c2-l0-exp, unless everything is as usual: lcd.
+activation = "softplus" if scene.color_model == "lcd" else scene.color_model.rsplit("-", 1)[1]
 
 
 def render(viewmat: torch.Tensor, K: torch.Tensor, width: int, height: int) -> torch.Tensor:

@@ -63,7 +63,10 @@ fn divide(rows: &[f32], width: usize, members: &[usize], count: usize) -> (Vec<f
     }
     let row = |member: usize| &rows[member * width..][..width];
     // Multiples of the golden ratio fall in step with no pattern of the rows.
-    let start = |n: usize| ((n as u64).wrapping_mul(GOLDEN) % (1 << 32)) as usize * members.len() >> 32;
+    let start = |n: usize| {
+        let share = (n as u64).wrapping_mul(GOLDEN) % (1 << 32);
+        ((share * members.len() as u64) >> 32) as usize
+    };
     let mut centers: Vec<f32> = (0..count).flat_map(|n| row(members[start(n)])).copied().collect();
     let mut groups = Vec::new();
     for step in 0..=STEPS {

@@ -259,7 +259,7 @@ fn written_exr_holds_camera_depth_opacity_and_kind_of_map() {
     let ramp: Vec<f32> = (0..12).map(|i| i as f32 / 11.0).collect();
     let options = ExrOptions {
         numbers: vec![("luxel:radiance_scale".into(), 0.5)],
-        camera: Some(camera),
+        camera: Some(camera.clone()),
         environment: Some(Projection::LatitudeLongitude),
         alpha: Some(ramp.clone()),
         depth: Some(ramp.iter().map(|v| 1e5 * v).collect()),
