@@ -20,7 +20,8 @@ pub use contract::{Engine, EngineError};
 pub use densify::{DensifyPlan, DensifyStats, Geometry, PlanRow};
 pub use differentiable::{
     AbsoluteMeans, ActivatedSplats, BlendGradient, BlendOptions, BlendedPixels, BlendedSplats, Channels, ColorGradient, Differentiable,
-    DirectionalColors, EllipseGradient, MatrixCamera, PixelGradient, ProjectedSplats, ScreenEllipses, SplatGradient, check_len,
+    DirectionalColors, EllipseGradient, MatrixCamera, PixelGradient, ProjectedSplats, ScreenEllipses, ShapeParameters, SplatGradient,
+    check_len,
 };
 pub use dropout::Dropout;
 pub use parameter_rows::ParameterRows;
