@@ -54,6 +54,8 @@ pub(crate) struct ScreenCamera {
     pub(crate) filter: ScreenFilter,
     pub(crate) background: [f32; 3],
     pub(crate) active_degree: usize,
+    /// Number of the light that is rendered, 0 for the first: see [`luxel_core::Mix`].
+    pub(crate) light: usize,
     /// The rays of the pixels; `None` for a pinhole.
     pub(crate) rays: Option<Arc<RayTable>>,
 }
@@ -85,6 +87,7 @@ impl ScreenCamera {
             filter: ScreenFilter::new(options.raster.antialias),
             background: options.background,
             active_degree: options.active_degree,
+            light: 0,
             rays,
         })
     }
@@ -115,8 +118,15 @@ impl ScreenCamera {
             filter: ScreenFilter { dilation_px2: options.dilation_px2, compensates_opacity: options.compensates_opacity, smooths: false },
             background: [0.0; 3],
             active_degree: 0,
+            light: 0,
             rays: None,
         }
+    }
+
+    /// Returns the camera for light `light` of `lights`, whose images add to the image: each has its
+    /// part of the background.
+    pub(crate) fn for_light(&self, light: usize, lights: usize) -> Self {
+        Self { light, background: self.background.map(|c| c / lights as f32), ..self.clone() }
     }
 
     /// Returns the camera of the image's own pixels. Only its size may be used: the other fields

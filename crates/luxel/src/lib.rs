@@ -67,6 +67,7 @@ mod log_record;
 pub mod machine;
 pub mod memory;
 pub mod output;
+pub mod mix;
 pub mod pick;
 pub mod prepare;
 pub mod preview;

@@ -74,19 +74,7 @@ pub fn initialise(dataset: &Dataset, config: &TrainConfig, radiance_scale: Radia
 
 fn splats_at(points: &[Point], dataset: &Dataset, config: &TrainConfig, radiance_scale: RadianceScale) -> Result<Splats, TrainError> {
     let color_model = config.color_model();
-    // If all images are black, there is no typical luminance, and the floor below applies to all
-    // splats.
-    let typical = match scale::median_luminance(&dataset.train) {
-        Err(error @ TrainError::Read(_)) => return Err(error),
-        found => found.unwrap_or(0.0),
-    };
-    let fallback = color::Fallback::new(points, typical);
-    let colors: Vec<[f32; 3]> = color::of_points(points, &dataset.train)?
-        .into_par_iter()
-        .zip(points)
-        .map(|(color, point)| color.unwrap_or_else(|| fallback.of_point(point)))
-        .map(|rgb| at_least(MIN_LUMINANCE, radiance_scale.normalised(rgb)))
-        .collect();
+    let colors = colors_at(points, dataset, radiance_scale)?;
     let positions: Vec<[f32; 3]> = points.iter().map(|point| point.position).collect();
     let (opacity, shrink) = (config.initial_opacity(), config.initial_scale());
     let mut splats = Splats::empty(color_model);
@@ -104,6 +92,43 @@ fn splats_at(points: &[Point], dataset: &Dataset, config: &TrainConfig, radiance
         });
     }
     Ok(splats)
+}
+
+/// Returns the colours of points in the images, normalised units.
+fn colors_at(points: &[Point], dataset: &Dataset, radiance_scale: RadianceScale) -> Result<Vec<[f32; 3]>, TrainError> {
+    // If all images are black, there is no typical luminance, and the floor below applies to all
+    // splats.
+    let typical = match scale::median_luminance(&dataset.train) {
+        Err(error @ TrainError::Read(_)) => return Err(error),
+        found => found.unwrap_or(0.0),
+    };
+    let fallback = color::Fallback::new(points, typical);
+    Ok(color::of_points(points, &dataset.train)?
+        .into_par_iter()
+        .zip(points)
+        .map(|(color, point)| color.unwrap_or_else(|| fallback.of_point(point)))
+        .map(|rgb| at_least(MIN_LUMINANCE, radiance_scale.normalised(rgb)))
+        .collect())
+}
+
+/// Returns the splats with colours from the images, of the colour model of `config`; their geometry
+/// and opacity stay as they are.
+///
+/// # Errors
+/// An image that cannot be read.
+pub(crate) fn recolored(splats: &Splats, dataset: &Dataset, config: &TrainConfig, radiance_scale: RadianceScale) -> Result<Splats, TrainError> {
+    let points: Vec<Point> =
+        splats.position.iter().map(|position| Point { position: *position, rgb8: None, observations: Vec::new() }).collect();
+    let color_model = config.color_model();
+    let mut colored = Splats { color_model, sh: Vec::new(), raw_luminance: Vec::new(), ..splats.clone() };
+    let mut sh = vec![0.0; 3 * color_model.sh_coefficients()];
+    let mut raw_luminance = vec![0.0; color_model.luminance_coefficients()];
+    for rgb in colors_at(&points, dataset, radiance_scale)? {
+        write_color(color_model, rgb, &mut sh, &mut raw_luminance);
+        colored.sh.extend_from_slice(&sh);
+        colored.raw_luminance.extend_from_slice(&raw_luminance);
+    }
+    Ok(colored)
 }
 
 fn write_color(color_model: ColorModel, rgb: [f32; 3], sh: &mut [f32], raw_luminance: &mut [f32]) {

@@ -3,7 +3,7 @@
 //! In: a data set, a configuration or a snapshot, an engine. Out: a [`Trainer`] whose engine holds
 //! the scene. Degenerate: views or states that cannot be trained are errors.
 
-use luxel_core::{Antialias, CameraProjection, Dataset, Engine, RadianceScale, Snapshot, View, spatial_order};
+use luxel_core::{Antialias, CameraProjection, Dataset, Engine, RadianceScale, Remedy, Scene, Snapshot, View, spatial_order};
 
 use super::health::Visibility;
 use super::{Trainer, VecDeque};
@@ -14,6 +14,7 @@ use crate::recorded::{as_radiance, is_recorded};
 use crate::state::{Start, State, poses_of};
 use crate::views::TrainingViews;
 use crate::vignetting::{Lenses, check_lenses};
+use super::scene_start::{check_scene, splats_of_scene, with_raster};
 use crate::{Schedule, TrainConfig, TrainError, choose_radiance_scale, initialise};
 
 /// Factor between the greatest distance of a camera from the cameras' centroid and the scene's
@@ -26,7 +27,30 @@ impl Trainer {
     /// # Errors
     /// Returns a [`TrainError`] if an option is out of range, if there is nothing to train on, or
     /// if the engine refuses the scene.
-    pub fn new(dataset: &Dataset, config: TrainConfig, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
+    pub fn new(dataset: &Dataset, config: TrainConfig, engine: Box<dyn Engine>) -> Result<Self, TrainError> {
+        if config.freezes_geometry() {
+            let reason = "there is no scene whose geometry could be kept".to_owned();
+            return Err(TrainError::NeedsScene { reason, remedy: Remedy::give("from") });
+        }
+        Self::start(dataset, None, config, engine)
+    }
+
+    /// Starts a new run from the splats of a scene, in place of new ones.
+    ///
+    /// Their order stays. With [`crate::Freeze::Geometry`] positions, rotations, scales, opacities,
+    /// the 3D filter and the settings of the rasteriser are the scene's throughout, and colours
+    /// begin anew, from the images. Otherwise colours begin as the scene's, in the data set's own
+    /// radiance scale, and everything is trained as in any run.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`]; a scene that does not go with the data set or the options.
+    pub fn from_scene(dataset: &Dataset, scene: &Scene, config: TrainConfig, engine: Box<dyn Engine>) -> Result<Self, TrainError> {
+        let config = if config.freezes_geometry() { with_raster(config, &scene.raster)? } else { config };
+        check_scene(dataset, scene, &config)?;
+        Self::start(dataset, Some(scene), config, engine)
+    }
+
+    fn start(dataset: &Dataset, scene: Option<&Scene>, config: TrainConfig, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
         config.validate()?;
         check_views(dataset)?;
         check_focal(dataset, &config)?;
@@ -38,9 +62,14 @@ impl Trainer {
             Some(scale) => RadianceScale::try_from(scale).map_err(|e| TrainError::config("radiance-scale", e.to_string()))?,
             None => choose_radiance_scale(&start.train, config.scale_rule)?,
         };
-        let initial = initialise(start, &config, radiance_scale)?;
+        let splats = match scene {
+            Some(scene) => splats_of_scene(scene, start, &config, radiance_scale)?,
+            None => {
+                let initial = initialise(start, &config, radiance_scale)?;
+                initial.select(spatial_order(&initial.position))
+            }
+        };
         drop(radiance);
-        let splats = initial.select(spatial_order(&initial.position));
         let extent = scene_extent(&dataset.train, &splats.position);
         engine.load(&splats, None)?;
         tracing::info!(
@@ -54,7 +83,7 @@ impl Trainer {
         let mut trainer = Self::assemble(dataset, state, None, engine);
         trainer.warn_of_average();
         trainer.check_pose_steps()?;
-        if trainer.state.config.antialias == Antialias::Mip {
+        if trainer.state.config.antialias == Antialias::Mip && !trainer.state.config.freezes_geometry() {
             trainer.update_smoothing()?;
         }
         Ok(trainer)
