@@ -12,8 +12,9 @@ use crate::{ColorModel, SH_OFFSET, Splats};
 const DARKEST: f32 = 0.01;
 
 impl Splats {
-    /// Returns the same splats in `color_model`; `None` from [`ColorModel::Lcd`] or a mix to anything
-    /// else, because products of luminance and chromaticity are not harmonics, and to a mix.
+    /// Returns the same splats in `color_model`; `None` from [`ColorModel::Lcd`] or a mix to
+    /// anything else, because products of luminance and chromaticity are not harmonics, and to a
+    /// mix.
     ///
     /// - [`ColorModel::Sh`] to another degree: higher coefficients are dropped, missing ones are
     ///   zero.

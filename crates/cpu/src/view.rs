@@ -123,8 +123,8 @@ impl ScreenCamera {
         }
     }
 
-    /// Returns the camera for light `light` of `lights`, whose images add to the image: each has its
-    /// part of the background.
+    /// Returns the camera for light `light` of `lights`, whose images add to the image: each has
+    /// its part of the background.
     pub(crate) fn for_light(&self, light: usize, lights: usize) -> Self {
         Self { light, background: self.background.map(|c| c / lights as f32), ..self.clone() }
     }

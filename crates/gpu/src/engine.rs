@@ -295,7 +295,8 @@ impl GpuEngine {
                 Some((target, vignetting))
             }
         };
-        let mut recorder = Recorder { gpu, commands, frame, scene, size_px: camera.size_px, samples: *samples, pixels, light: work.light() };
+        let mut recorder =
+            Recorder { gpu, commands, frame, scene, size_px: camera.size_px, samples: *samples, pixels, light: work.light() };
         recorder.forward();
         if let Some((target, vignetting)) = target {
             recorder.backward(target, vignetting);

@@ -1,10 +1,10 @@
 //! Mixes of light: scenes of the same geometry and opacity under different light, added.
 //!
-//! In: scenes with weights. Out: one scene that holds every light with its gain ([`luxel_core::Mix`]),
-//! in the radiance scale of the first. A render of it is the weighted sum of the renders of the
-//! scenes, to rounding, for every colour model and every cut-off. Degenerate: scenes whose geometry,
-//! opacity, order of splats, rasteriser, colour space or coordinates differ are an error that names
-//! the first difference.
+//! In: scenes with weights. Out: one scene that holds every light with its gain
+//! ([`luxel_core::Mix`]), in the radiance scale of the first. A render of it is the weighted sum of
+//! the renders of the scenes, to rounding, for every colour model and every cut-off. Degenerate:
+//! scenes whose geometry, opacity, order of splats, rasteriser, colour space or coordinates differ
+//! are an error that names the first difference.
 
 use luxel_core::{ColorModel, MAX_LIGHTS, Mix, Scene, Splats};
 
@@ -42,8 +42,8 @@ pub struct MixInput {
 /// ```
 ///
 /// # Errors
-/// No scene, more than [`MAX_LIGHTS`] lights, a weight that is negative or not finite, or scenes that
-/// do not go together.
+/// No scene, more than [`MAX_LIGHTS`] lights, a weight that is negative or not finite, or scenes
+/// that do not go together.
 pub fn mix(inputs: Vec<MixInput>) -> Result<Scene> {
     for MixInput { name, scene, weight } in &inputs {
         if !(weight.is_finite() && *weight >= 0.0) {
@@ -55,7 +55,8 @@ pub fn mix(inputs: Vec<MixInput>) -> Result<Scene> {
     for other in &inputs[1..] {
         if let Some(difference) = difference([first, other]) {
             let message = format!("{} and {} cannot be mixed: {difference}", first.name, other.name);
-            let remedy = Remedy::advice("light adds on equal geometry: train the other light with --from the first scene and --freeze geometry");
+            let remedy =
+                Remedy::advice("light adds on equal geometry: train the other light with --from the first scene and --freeze geometry");
             return Err(Error::new(message).with_remedy(remedy));
         }
     }

@@ -38,7 +38,7 @@ pub enum TrainError {
     /// The scene to start from does not go with the data set or the options.
     #[error("the scene to start from: {reason}")]
     Scene {
-        /// What was found and what was expected.
+        /// The property found and the one expected.
         reason: String,
         /// Advice, if there is any but another scene.
         remedy: Option<Remedy>,

@@ -3,8 +3,8 @@
 //! In: the configuration, the number of steps that the run was planned for, and the scene's extent
 //! (world units). Out: the learning rates, the active degree and the densification rounds of a step
 //! (1 for the first). Source: Kerbl et al. 2023; 3DGS-MCMC (Kheradmand et al. 2024). Beyond the
-//! planned end all rates keep their final values. A run of frozen geometry densifies nothing, and its
-//! rates of geometry and opacity are 0. The averaged steps lie before the current end,
+//! planned end all rates keep their final values. A run of frozen geometry densifies nothing, and
+//! its rates of geometry and opacity are 0. The averaged steps lie before the current end,
 //! which may differ from the planned one.
 //!
 //! Published schedules are for 30000 steps. In shorter runs the end of densification and all decays
@@ -212,7 +212,11 @@ impl Schedule {
             luminance_rest: luminance / REST_LR_DIVISOR,
         };
         // Engines leave parameters with a rate of 0 as they are, to the bit.
-        if config.freezes_geometry() { LearningRates { position: 0.0, rotation: 0.0, log_scale: 0.0, opacity_logit: 0.0, ..rates } } else { rates }
+        if config.freezes_geometry() {
+            LearningRates { position: 0.0, rotation: 0.0, log_scale: 0.0, opacity_logit: 0.0, ..rates }
+        } else {
+            rates
+        }
     }
 }
 

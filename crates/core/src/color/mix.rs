@@ -160,10 +160,14 @@ mod tests {
     fn a_mix_is_the_weighted_sum_of_its_lights_in_every_direction() {
         let models = [LCD, SH, ColorModel::Lcd { chroma_degree: 0, luminance_degree: 0, activation: Activation::Exp }];
         let weights = [1.0, 0.3, 2.5];
-        let parts: Vec<_> =
-            models.iter().zip(0..).map(|(model, seed)| (noise(3 * model.sh_coefficients(), seed), noise(model.luminance_coefficients(), seed + 9))).collect();
+        let parts: Vec<_> = models
+            .iter()
+            .zip(0..)
+            .map(|(model, seed)| (noise(3 * model.sh_coefficients(), seed), noise(model.luminance_coefficients(), seed + 9)))
+            .collect();
         let sh: Vec<f32> = parts.iter().flat_map(|(sh, _)| sh.clone()).collect();
-        let raw: Vec<f32> = parts.iter().zip(weights).flat_map(|((_, raw), weight)| std::iter::once(weight).chain(raw.iter().copied())).collect();
+        let raw: Vec<f32> =
+            parts.iter().zip(weights).flat_map(|((_, raw), weight)| std::iter::once(weight).chain(raw.iter().copied())).collect();
         let mixed = mix(&models);
         assert_eq!([sh.len(), raw.len()], [3 * mixed.sh_coefficients(), mixed.luminance_coefficients()]);
         for direction in [[0.0, 0.0, 1.0], [0.6, 0.0, -0.8], [-0.48, 0.64, 0.6]] {

@@ -115,8 +115,8 @@ impl Map {
     }
 }
 
-/// A chain of maps, ready for evaluation. [`Map::Light`] counts as no map: it changes a light, not a
-/// luminance.
+/// A chain of maps, ready for evaluation. [`Map::Light`] counts as no map: it changes a light, not
+/// a luminance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapChain<'m> {
     maps: &'m [Map],

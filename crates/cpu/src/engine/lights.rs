@@ -1,7 +1,7 @@
 //! Renders and contributions of a scene, light by light ([`luxel_core::Mix`]).
 //!
-//! In: a camera. Out: the sum over the lights, each rendered with the cut-offs of its own radiance; a
-//! scene of one light is rendered once.
+//! In: a camera. Out: the sum over the lights, each rendered with the cut-offs of its own radiance.
+//! A scene of one light is rendered once.
 
 use luxel_core::edit::Contributions;
 use luxel_core::engine::Evaluations;
@@ -81,10 +81,8 @@ impl State {
             self.forward(&camera, Recording::Lists);
             evaluations(&self.tile_inputs(&camera, Recording::Lists), &self.frame.records)
         });
-        lights.fold(Evaluations::default(), |sum, light| Evaluations {
-            touched: sum.touched + light.touched,
-            alive: sum.alive + light.alive,
-        })
+        lights
+            .fold(Evaluations::default(), |sum, light| Evaluations { touched: sum.touched + light.touched, alive: sum.alive + light.alive })
     }
 
     /// Checks that the scene can be trained.

@@ -12,9 +12,9 @@ use luxel_core::engine::{ActivatedSplats, BlendOptions, ParameterRows, ScreenEll
 use luxel_core::{Real, each};
 use rayon::prelude::*;
 
+use super::color::BlockColor;
 use super::ellipse_backward::{ShapeGradient, compensation_backward, shape_backward};
 use super::encoding::Linear;
-use super::color::BlockColor;
 use super::project::{Centered, Footprint, Projection, store_footprints};
 use super::project_backward::{finite, point_backward};
 use crate::lanes::{LANES, Lanes, V, dot};

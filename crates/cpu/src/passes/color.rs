@@ -1,5 +1,5 @@
-//! Pass `color`: computes the radiance of each splat towards the camera, of one light. It runs within
-//! `project`, for visible blocks.
+//! Pass `color`: computes the radiance of each splat towards the camera, of one light. It runs
+//! within `project`, for visible blocks.
 //!
 //! In: harmonics and raw luminance rows of a block, world positions, eye. Out: linear RGB radiance
 //! `[3]` x 16, >= 0, and the largest channel before the gain of the light. The formula is core's

@@ -318,7 +318,12 @@ pub(crate) fn store_footprints<S: Simd>(
     // Comparisons with NaN are false, so of the values used above only the root can still be
     // infinite or NaN.
     let finite = root[0].lt(c(f32::MAX)) & root[1].abs().lt(c(f32::MAX)) & root[2].lt(c(f32::MAX));
-    mask = mask & finite & root[0].gt(c(0.0)) & root[2].gt(c(0.0)) & (extent[0] + extent[1]).lt(c(1e9)) & finite_color(simd, brightest, radiance);
+    mask = mask
+        & finite
+        & root[0].gt(c(0.0))
+        & root[2].gt(c(0.0))
+        & (extent[0] + extent[1]).lt(c(1e9))
+        & finite_color(simd, brightest, radiance);
     let right_dy = extent[0] * p.covariance[1] / p.covariance[0];
     let tiles = each!([0, 1] i => tile_range(camera, i, Interval { center: mean[i], half_length: extent[i] }, mask));
 

@@ -3,8 +3,8 @@
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use luxel_core::engine::{CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
 use luxel_core::{
-    Activation, Antialias, Camera, CameraProjection, ColorModel, Cutoffs, Distortion, Image, LossWeights, Mask, Mix, PixelValues, RasterConfig,
-    RenderOptions, SH_OFFSET, Splat, Splats, Target, View, random, sh,
+    Activation, Antialias, Camera, CameraProjection, ColorModel, Cutoffs, Distortion, Image, LossWeights, Mask, Mix, PixelValues,
+    RasterConfig, RenderOptions, SH_OFFSET, Splat, Splats, Target, View, random, sh,
 };
 
 /// Counter-based random numbers.

@@ -2,8 +2,8 @@
 
 use luxel_core::edit::{MaskShares, ShMap};
 use luxel_core::{
-    Antialias, Camera, CameraProjection, ColorSpace, Cutoffs, Edit, Engine, Image, RadianceScale, RasterConfig, RenderOptions, Scene, Similarity,
-    Splats,
+    Antialias, Camera, CameraProjection, ColorSpace, Cutoffs, Edit, Engine, Image, RadianceScale, RasterConfig, RenderOptions, Scene,
+    Similarity, Splats,
 };
 use luxel_cpu::CpuEngine;
 

@@ -1,6 +1,6 @@
 // Pass `color`: computes the radiance of a splat towards the camera, of one light. Twins:
-// core/color/light.rs and core/sh.rs (the formulas), cpu/passes/color.rs. It runs within `project` for visible splats, and
-// again within `project_backward`.
+// core/color/light.rs and core/sh.rs (the formulas), cpu/passes/color.rs. It runs within `project`
+// for visible splats, and again within `project_backward`.
 
 // Values of the harmonics up to `degree` at the unit vector v.
 fn sh_basis(degree: u32, v: vec3f) -> array<f32, 36> {

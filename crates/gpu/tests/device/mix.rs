@@ -61,8 +61,7 @@ fn a_rate_of_zero_keeps_the_bits(gpu: &Arc<Gpu>) {
         let before = splats(model, 100, &camera, 3);
         let (mut cpu, mut engine) = engines(gpu, &before);
         let mut step = step(1, options(Cutoffs::HDR, Antialias::Pixel));
-        step.learning_rates =
-            LearningRates { position: 0.0, rotation: 0.0, log_scale: 0.0, opacity_logit: 0.0, ..step.learning_rates };
+        step.learning_rates = LearningRates { position: 0.0, rotation: 0.0, log_scale: 0.0, opacity_logit: 0.0, ..step.learning_rates };
         let engines: [&mut dyn Engine; 2] = [&mut cpu, &mut engine];
         for engine in engines {
             for number in 1..=5 {

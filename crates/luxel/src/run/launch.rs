@@ -68,7 +68,8 @@ pub fn fresh(
     config.to_toml().with_context(|| format!("{}: config.toml cannot hold these settings", config.dataset.display()))?;
     let dataset = open_dataset(&config.dataset_path(launch.folder.root()), &config, launch, gpu.is_some())?;
     limit_images(engine.as_mut(), &config);
-    let from = config.run.from.as_deref().map(|path| Scene::open_reporting(path, launch.observer).map(|scene| (path, scene))).transpose()?;
+    let from =
+        config.run.from.as_deref().map(|path| Scene::open_reporting(path, launch.observer).map(|scene| (path, scene))).transpose()?;
     let trainer = match &from {
         None => Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?,
         Some((path, scene)) => Trainer::from_scene(&dataset, scene, config.train.clone(), engine)

@@ -114,7 +114,7 @@ choices! {
         Mcmc: "mcmc",
     }
 
-    /// What a run that starts from a scene leaves as it is.
+    /// Parts of a scene that a run which starts from it leaves as they are.
     pub enum Freeze = None {
         /// Nothing
         None: "none",

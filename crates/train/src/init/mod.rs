@@ -116,7 +116,12 @@ fn colors_at(points: &[Point], dataset: &Dataset, radiance_scale: RadianceScale)
 ///
 /// # Errors
 /// An image that cannot be read.
-pub(crate) fn recolored(splats: &Splats, dataset: &Dataset, config: &TrainConfig, radiance_scale: RadianceScale) -> Result<Splats, TrainError> {
+pub(crate) fn recolored(
+    splats: &Splats,
+    dataset: &Dataset,
+    config: &TrainConfig,
+    radiance_scale: RadianceScale,
+) -> Result<Splats, TrainError> {
     let points: Vec<Point> =
         splats.position.iter().map(|position| Point { position: *position, rgb8: None, observations: Vec::new() }).collect();
     let color_model = config.color_model();

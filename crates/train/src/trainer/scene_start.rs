@@ -1,6 +1,6 @@
 //! The start of a run from a scene.
 //!
-//! In: a scene, the data set, options. Out: the splats of the first step, in the order of the scene's.
+//! In: a scene, the data set, options. Out: the splats of the first step, in the scene's order.
 //! Degenerate: a scene of other coordinates, units or colours than the data set and the options ask
 //! for is an error.
 
@@ -60,7 +60,11 @@ pub(super) fn check_scene(dataset: &Dataset, scene: &Scene, config: &TrainConfig
     if converts {
         return Ok(());
     }
-    let remedy = if had.single().is_some() && config.method != Method::Lcd { Remedy::set("method", "lcd") } else { Remedy::set("freeze", "geometry") };
+    let remedy = if had.single().is_some() && config.method != Method::Lcd {
+        Remedy::set("method", "lcd")
+    } else {
+        Remedy::set("freeze", "geometry")
+    };
     refused(format!("its colours are {}, and do not become {}", had.name(), wanted.name()), Some(remedy))
 }
 

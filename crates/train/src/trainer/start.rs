@@ -6,6 +6,7 @@
 use luxel_core::{Antialias, CameraProjection, Dataset, Engine, RadianceScale, Remedy, Scene, Snapshot, View, spatial_order};
 
 use super::health::Visibility;
+use super::scene_start::{check_scene, splats_of_scene, with_raster};
 use super::{Trainer, VecDeque};
 use crate::average::Average;
 use crate::camera_response::CameraResponse;
@@ -14,7 +15,6 @@ use crate::recorded::{as_radiance, is_recorded};
 use crate::state::{Start, State, poses_of};
 use crate::views::TrainingViews;
 use crate::vignetting::{Lenses, check_lenses};
-use super::scene_start::{check_scene, splats_of_scene, with_raster};
 use crate::{Schedule, TrainConfig, TrainError, choose_radiance_scale, initialise};
 
 /// Factor between the greatest distance of a camera from the cameras' centroid and the scene's
