@@ -69,7 +69,7 @@ impl Edit {
         for part in &parts {
             let changed = match part {
                 Part::Luminance(chain) => recolored(scene, chain, &weights, sh_map),
-                Part::Light { component, gain } => Ok((relit(scene, *component, *gain, &weights), None)),
+                Part::Light { component, gain } => relit(scene, *component, *gain, &weights).map(|colors| (colors, None)),
             };
             match changed {
                 Ok((colors, shift)) => {
@@ -116,13 +116,16 @@ type Colors = (Vec<f32>, Vec<f32>);
 type Recolored = (Colors, Option<f64>);
 
 /// Multiplies the gain of a light, faded by the weights.
-fn relit(scene: &Scene, component: Component, gain: f32, weights: &[f32]) -> Colors {
+fn relit(scene: &Scene, component: Component, gain: f32, weights: &[f32]) -> Result<Colors, EditError> {
     let mut raw = scene.splats.raw_luminance.clone();
     let m = scene.splats.color_model.luminance_coefficients().max(1);
     for (raw, weight) in raw.chunks_exact_mut(m).zip(weights).filter(|(_, weight)| **weight > 0.0) {
         component.scale(raw, if *weight >= 1.0 { gain } else { gain.powf(*weight) });
     }
-    (scene.splats.sh.clone(), raw)
+    if let Some(at) = raw.iter().position(|value| !value.is_finite()) {
+        return Err(EditError::Overflow { splat: at / m, luminance: scene.luminance(at / m) });
+    }
+    Ok((scene.splats.sh.clone(), raw))
 }
 
 fn recolored(scene: &Scene, chain: &MapChain<'_>, weights: &[f32], sh_map: ShMap) -> Result<Recolored, EditError> {
