@@ -50,15 +50,17 @@ fn frozen_geometry_keeps_its_bits_and_learns_the_light() {
     ] {
         let from = room(antialias);
         let mut trainer = Trainer::from_scene(&data, &from, config, engine()).unwrap();
-        let first = trainer.step().unwrap().loss;
-        let mut last = first;
+        let mut losses = Vec::new();
         while !trainer.is_finished() {
-            last = trainer.step().unwrap().loss;
+            losses.push(trainer.step().unwrap().loss);
         }
         let scene = trainer.scene().unwrap();
         assert_same_geometry(&scene.splats, &from.splats);
         assert_eq!(scene.raster, from.raster);
-        assert!(last < 0.7 * first, "{first} {last}");
+        // An epoch has six views.
+        let mean = |losses: &[f32]| losses.iter().sum::<f32>() / losses.len() as f32;
+        let (first, last) = (mean(&losses[..6]), mean(&losses[losses.len() - 6..]));
+        assert!(last < 0.9 * first, "{first} {last}");
         assert!(scene.radiance_scale.get() < 0.9 * from.radiance_scale.get());
     }
 }
