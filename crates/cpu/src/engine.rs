@@ -6,6 +6,7 @@
 mod blended;
 mod clock;
 mod differentiable;
+mod lights;
 mod projected;
 mod screens;
 mod spare;
@@ -89,6 +90,7 @@ impl CpuEngine {
     /// # Errors
     /// The errors of [`Engine::train_step`].
     pub fn gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, Splats), EngineError> {
+        self.state.check_trainable()?;
         let camera = checked_view(view, step, &mut self.lenses)?;
         Ok(self.pool.install(|| self.state.gradients(&camera, view, step)))
     }
@@ -192,11 +194,13 @@ impl Engine for CpuEngine {
     }
 
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
+        self.state.check_trainable()?;
         let camera = checked_view(view, step, &mut self.lenses)?;
         Ok(self.pool.install(|| self.state.train_step(&camera, view, step)))
     }
 
     fn camera_gradient(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
+        self.state.check_trainable()?;
         let camera = checked_view(view, step, &mut self.lenses)?;
         Ok(self.pool.install(|| self.state.camera_gradient(&camera, view, step)))
     }

@@ -55,6 +55,8 @@ pub(crate) struct ScreenCamera {
     pub(crate) active_degree: usize,
     /// Splats that are left out.
     pub(crate) dropout: Option<Dropout>,
+    /// Number of the light that is rendered, 0 for the first: see [`luxel_core::Mix`].
+    pub(crate) light: usize,
     /// The rays of the pixels; `None` for a pinhole.
     pub(crate) rays: Option<Arc<RayTable>>,
 }
@@ -87,6 +89,7 @@ impl ScreenCamera {
             background: options.background,
             active_degree: options.active_degree,
             dropout: None,
+            light: 0,
             rays,
         })
     }
@@ -118,8 +121,15 @@ impl ScreenCamera {
             background: [0.0; 3],
             active_degree: 0,
             dropout: None,
+            light: 0,
             rays: None,
         }
+    }
+
+    /// Returns the camera for light `light` of `lights`, whose images add to the image: each has
+    /// its part of the background.
+    pub(crate) fn for_light(&self, light: usize, lights: usize) -> Self {
+        Self { light, background: self.background.map(|c| c / lights as f32), ..self.clone() }
     }
 
     /// Returns the camera of the image's own pixels. Only its size may be used: the other fields

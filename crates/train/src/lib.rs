@@ -33,8 +33,8 @@ mod views;
 mod vignetting;
 
 pub use config::{
-    Condition, CutoffPreset, ExposureCompensation, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS, Method, Misplaced, NamedChoice, OPTIONS, OptionSpec,
-    Preset, Range, ScaleRule, Strategy, TrainConfig, ValueHelp, parse_rgb,
+    Condition, CutoffPreset, ExposureCompensation, Freeze, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS, Method, Misplaced, NamedChoice, OPTIONS,
+    OptionSpec, Preset, Range, ScaleRule, Strategy, TrainConfig, ValueHelp, parse_rgb,
 };
 pub use contribution::add_contribution;
 pub use error::TrainError;

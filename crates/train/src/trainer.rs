@@ -13,6 +13,7 @@ mod average;
 mod densify;
 mod health;
 mod poses;
+mod scene_start;
 mod start;
 mod vignetting;
 
@@ -238,14 +239,14 @@ impl Trainer {
     fn step_config(&self, step: u32) -> StepConfig {
         let config = &self.state.config;
         let learning_rates = self.schedule.learning_rates(config, step);
-        let is_mcmc = config.strategy == Strategy::Mcmc;
+        let has_noise = config.strategy == Strategy::Mcmc && !config.freezes_geometry();
         let noise = PositionNoise { scale: config.mcmc_noise * learning_rates.position, seed: self.state.noise_seed(step) };
         StepConfig {
             step,
             render: self.render_options_of(step),
             loss: config.loss_weights(),
             learning_rates,
-            position_noise: is_mcmc.then_some(noise),
+            position_noise: has_noise.then_some(noise),
             dropout: self.schedule.dropout_rate(config, step).map(|rate| Dropout { rate, seed: self.state.dropout_seed(step) }),
             stats: self.stats_of(step),
             camera_gradient: self.camera_gradient_of(step),

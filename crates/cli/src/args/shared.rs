@@ -168,6 +168,7 @@ impl RunArgs {
             eval_every: self.eval_every,
             refine_display: self.refine_display,
             image_memory: self.image_memory,
+            from: None,
             log: self.log.clone(),
         }
     }

@@ -285,6 +285,9 @@ fn describe_image(path: &Path, args: &InfoArgs) -> Result<Tree> {
 fn add_scene(facts: &mut Tree, scene: &Scene) {
     let splats = &scene.splats;
     facts.set("splats", splats.len()).set("color_model", splats.color_model.name());
+    if splats.color_model.lights() > 1 {
+        facts.set("lights", splats.color_model.lights());
+    }
     if let ColorModel::Lcd { activation, .. } = splats.color_model {
         facts.set("activation", format!("{activation:?}").to_lowercase());
     }

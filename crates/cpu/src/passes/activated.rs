@@ -12,6 +12,7 @@ use luxel_core::engine::{ActivatedSplats, BlendOptions, ParameterRows, ScreenEll
 use luxel_core::{Real, each};
 use rayon::prelude::*;
 
+use super::color::BlockColor;
 use super::ellipse_backward::{ShapeGradient, compensation_backward, shape_backward};
 use super::encoding::Linear;
 use super::project::{Centered, Footprint, Projection, store_footprints};
@@ -140,7 +141,7 @@ pub(crate) fn project_activated<S: Simd>(
         return 0;
     }
     centered.mask &= visible;
-    store_footprints(simd, camera, &p, &centered, [c(0.0); 3], footprints);
+    store_footprints(simd, camera, &p, &centered, BlockColor { brightest: c(0.0), radiance: [c(0.0); 3] }, footprints);
     let conic = [root[0] * root[0], root[0] * root[1], root[1].mul_add(root[1], root[2] * root[2])];
     let (mean, radius) = (each!([0, 1] i => mean[i].lanes()), each!([0, 1] i => radius[i].lanes()));
     let (covariance, conic) = (each!([0, 1, 2] i => p.covariance[i].lanes()), each!([0, 1, 2] i => conic[i].lanes()));

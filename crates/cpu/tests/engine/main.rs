@@ -16,6 +16,7 @@ mod fixture;
 mod gradients;
 mod image;
 mod layers;
+mod mix;
 mod number;
 mod oracle;
 mod probe;

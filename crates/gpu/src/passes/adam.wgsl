@@ -36,6 +36,10 @@ fn update_parameter(row: u32, i: u32, gradient: f32, rate: f32) {
         first[at] = gradient;
         return;
     }
+    // Frozen: parameters and moments keep their bits.
+    if (rate == 0.0) {
+        return;
+    }
     let m = first[at] * ADAM_BETA1 + gradient * (1.0 - ADAM_BETA1);
     let v = second[at] * ADAM_BETA2 + (gradient * gradient) * (1.0 - ADAM_BETA2);
     first[at] = m;

@@ -59,9 +59,11 @@ fn project(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_in
     }
 
     let direction = view_direction(i);
-    var basis = sh_basis(min(camera.active_degree, MAX_MODEL_DEGREE), direction.xyz);
+    var basis = sh_basis(min(camera.active_degree, MAX_LIGHT_DEGREE), direction.xyz);
     let radiance = radiance_of(response(&basis, i));
     let brightest = max(radiance.x, max(radiance.y, radiance.z));
+    // Cut-offs follow the radiance before the gain: a light of a mix is cut off as in its scene.
+    let gain = gain_of(i);
     var threshold = camera.min_alpha;
     if ((camera.flags & FLAG_MIN_CONTRIBUTION) != 0u) {
         threshold = min(camera.min_contribution / max(brightest, 1e-30), camera.min_alpha);
@@ -70,16 +72,16 @@ fn project(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_in
     let log2_opacity = log(max(opacity, 1e-30)) * LOG2_E;
     let log2_threshold = log(threshold) * LOG2_E;
     let root = inverse_root(p) * SQRT_HALF_LOG2_E;
-    let finite = is_finite(root.x) && is_finite(root.y) && is_finite(root.z) && is_finite(brightest);
+    let finite = is_finite(root.x) && is_finite(root.y) && is_finite(root.z) && is_finite(brightest) && is_finite(brightest * gain);
     if (!(log2_opacity > log2_threshold && finite && root.x > 0.0 && root.z > 0.0)) {
         return;
     }
     var f: Footprint;
     f.log2_opacity = log2_opacity;
     f.log2_threshold = log2_threshold;
-    f.red = radiance.x;
-    f.green = radiance.y;
-    f.blue = radiance.z;
+    f.red = radiance.x * gain;
+    f.green = radiance.y * gain;
+    f.blue = radiance.z * gain;
     if (!place(p, root, &f)) {
         return;
     }

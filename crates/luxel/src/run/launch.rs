@@ -12,7 +12,7 @@ use luxel_train::Trainer;
 
 use super::{Outcome, RunConfig, RunFolder, RunLock, RunMemory, Session, state};
 use crate::error::{Context, bail};
-use crate::{Dataset, Error, ImageLimits, Observer, Result, SelectedEngine, StopFlag, text};
+use crate::{Dataset, Error, ImageLimits, Observer, Result, Scene, SelectedEngine, StopFlag, text};
 
 /// The place of a run, its observer and its stop flag.
 #[derive(Clone, Copy)]
@@ -68,7 +68,15 @@ pub fn fresh(
     config.to_toml().with_context(|| format!("{}: config.toml cannot hold these settings", config.dataset.display()))?;
     let dataset = open_dataset(&config.dataset_path(launch.folder.root()), &config, launch, gpu.is_some())?;
     limit_images(engine.as_mut(), &config);
-    let trainer = Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?;
+    let from =
+        config.run.from.as_deref().map(|path| Scene::open_reporting(path, launch.observer).map(|scene| (path, scene))).transpose()?;
+    let trainer = match &from {
+        None => Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?,
+        Some((path, scene)) => Trainer::from_scene(&dataset, scene, config.train.clone(), engine)
+            .with_context(|| format!("{}: cannot start training from this scene", path.display()))?,
+    };
+    // Frozen geometry comes with the rasteriser's settings of its scene.
+    let config = RunConfig { train: trainer.config().clone(), ..config };
     let lock = make_room(&dataset)?;
     launch.folder.write_config(&config)?;
     train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })

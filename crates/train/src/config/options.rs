@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::range::Range;
 use super::spec::{Access, Condition, OptionSpec, OptionValue, check_in, parse_in};
-use super::{CutoffPreset, ExposureCompensation, MAX_SEED, Method, Preset, ScaleRule, Strategy};
+use super::{CutoffPreset, ExposureCompensation, Freeze, MAX_SEED, Method, Preset, ScaleRule, Strategy};
 use crate::{NoiseChoice, ResolutionSchedule};
 
 /// Writes the struct, its defaults and the list of options.
@@ -161,6 +161,8 @@ options! {
         cutoffs: CutoffPreset = CutoffPreset::Hdr, "CUTOFFS", Range::Any;
     }
     "Splats" {
+        /// Part of the scene of `from` that is not trained
+        freeze: Freeze = Freeze::None, "PART", Range::Any;
         /// Number of initial splats where the data set has no points
         init_points: u32 = 100_000, "N", Range::AtLeast(1);
         /// Initial opacity

@@ -58,20 +58,50 @@ pub fn initialise(dataset: &Dataset, config: &TrainConfig, knots: Option<Knots>)
     if dataset.train.is_empty() {
         return Err(TrainError::NoTrainViews);
     }
-    let given = config.radiance_scale.map(RadianceScale::try_from).transpose();
-    let given = given.map_err(|e| TrainError::config("radiance-scale", e.to_string()))?;
     let points = starting_points(dataset, config)?;
+    let (colors, radiance_scale) = colors_at(&points, dataset, config, knots)?;
+    Ok(Initial { splats: splats_at(&points, &colors, config), radiance_scale })
+}
+
+/// Returns the radiance of one normalised unit that the options state.
+fn given_scale(config: &TrainConfig) -> Result<Option<RadianceScale>, TrainError> {
+    let given = config.radiance_scale.map(RadianceScale::try_from).transpose();
+    given.map_err(|e| TrainError::config("radiance-scale", e.to_string()))
+}
+
+/// Returns the radiance of one normalised unit, from the images unless the options state it.
+///
+/// # Errors
+/// Those of [`initialise`].
+pub(crate) fn radiance_scale_of(dataset: &Dataset, config: &TrainConfig, knots: Option<Knots>) -> Result<RadianceScale, TrainError> {
+    if let Some(given) = given_scale(config)? {
+        return Ok(given);
+    }
     let views = StartViews::new(dataset, knots);
     let sampling = Sampling::new(&dataset.train, config.scale_rule);
-    let (colors, luminances) = color::of_points(&points, views, |view| Luminances::new(view, sampling))?;
+    let luminances = views.look(&views.all(), |_, view| Luminances::new(view, sampling))?;
+    Luminances::of_all(luminances, &views, sampling)?.radiance_scale(config.scale_rule)
+}
+
+/// Returns the colours of points in the images, normalised units, and the radiance of one such
+/// unit.
+fn colors_at(
+    points: &[Point],
+    dataset: &Dataset,
+    config: &TrainConfig,
+    knots: Option<Knots>,
+) -> Result<(Vec<[f32; 3]>, RadianceScale), TrainError> {
+    let given = given_scale(config)?;
+    let views = StartViews::new(dataset, knots);
+    let sampling = Sampling::new(&dataset.train, config.scale_rule);
+    let (colors, luminances) = color::of_points(points, views, |view| Luminances::new(view, sampling))?;
     let luminances = Luminances::of_all(luminances, &views, sampling)?;
     let radiance_scale = given.map_or_else(|| luminances.radiance_scale(config.scale_rule), Ok)?;
     // If all images are black, there is no typical luminance, and the floor of colours applies to
     // all splats.
-    let fallback = color::Fallback::new(&points, luminances.median().unwrap_or(0.0));
-    let colors = colors.into_par_iter().zip(&points).map(|(color, point)| color.unwrap_or_else(|| fallback.of_point(point)));
-    let colors: Vec<[f32; 3]> = colors.map(|rgb| at_least(MIN_LUMINANCE, radiance_scale.normalised(rgb))).collect();
-    Ok(Initial { splats: splats_at(&points, &colors, config), radiance_scale })
+    let fallback = color::Fallback::new(points, luminances.median().unwrap_or(0.0));
+    let colors = colors.into_par_iter().zip(points).map(|(color, point)| color.unwrap_or_else(|| fallback.of_point(point)));
+    Ok((colors.map(|rgb| at_least(MIN_LUMINANCE, radiance_scale.normalised(rgb))).collect(), radiance_scale))
 }
 
 /// Returns the most memory that finding the colours of so many first splats takes, bytes, without
@@ -129,6 +159,27 @@ fn splats_at(points: &[Point], colors: &[[f32; 3]], config: &TrainConfig) -> Spl
         });
     }
     splats
+}
+
+/// Returns the splats with colours from the images, of the colour model of `config`; their geometry
+/// and opacity stay as they are.
+///
+/// # Errors
+/// Those of [`initialise`].
+pub(crate) fn recolored(splats: &Splats, dataset: &Dataset, config: &TrainConfig, knots: Option<Knots>) -> Result<Initial, TrainError> {
+    let points: Vec<Point> =
+        splats.position.iter().map(|position| Point { position: *position, rgb8: None, observations: Vec::new() }).collect();
+    let color_model = config.color_model();
+    let mut colored = Splats { color_model, sh: Vec::new(), raw_luminance: Vec::new(), ..splats.clone() };
+    let mut sh = vec![0.0; 3 * color_model.sh_coefficients()];
+    let mut raw_luminance = vec![0.0; color_model.luminance_coefficients()];
+    let (colors, radiance_scale) = colors_at(&points, dataset, config, knots)?;
+    for rgb in colors {
+        write_color(color_model, rgb, &mut sh, &mut raw_luminance);
+        colored.sh.extend_from_slice(&sh);
+        colored.raw_luminance.extend_from_slice(&raw_luminance);
+    }
+    Ok(Initial { splats: colored, radiance_scale })
 }
 
 fn write_color(color_model: ColorModel, rgb: [f32; 3], sh: &mut [f32], raw_luminance: &mut [f32]) {
