@@ -7,8 +7,8 @@ wide_path_traced.py loft|yard OUT [--views N] [--side PX] [--samples N]
 OUT/fisheye, OUT/panorama: images, points.ply and transforms.json with train and test lists; every
 fourth view is a test view. OUT/fisheye-cutouts, OUT/panorama-cutouts: five or six views of each training
 image, resampled bilinearly in linear light, with the same points. Each pixel is the mean of rays
-through its area, so that no other projection is resampled. Needs numpy, OpenEXR, mitsuba and pyoidn, and
-LLVM for Mitsuba (DRJIT_LIBLLVM_PATH).
+through its area, so that no other projection is resampled. Views that OUT/*/traced holds are not traced
+again. Needs numpy, OpenEXR, mitsuba and pyoidn, and LLVM for Mitsuba (DRJIT_LIBLLVM_PATH).
 """
 
 import argparse
@@ -108,9 +108,21 @@ def write_points(path, rows):
     path.write_text(f"ply\nformat ascii 1.0\nelement vertex {len(rows)}\n{properties}end_header\n{lines}")
 
 
+def kept(path, trace):
+    """What `trace` returned for this file of an earlier run, or returns now."""
+    if not path.exists():
+        radiance, place = trace()
+        partial = path.with_suffix(".partial.npz")
+        np.savez(partial, radiance=radiance.astype(np.float32), place=place.astype(np.float32))
+        partial.replace(path)
+    with np.load(path) as found:
+        return found["radiance"], found["place"]
+
+
 def make(tracer, args, kind):
     out = args.out / kind
-    (out / "images").mkdir(parents=True, exist_ok=True)
+    for folder in ("images", "traced"):
+        (out / folder).mkdir(parents=True, exist_ok=True)
     is_fisheye = kind == "fisheye"
     side = args.side if is_fisheye else round(args.side * 0.8)
     lens = wide.fisheye(side) if is_fisheye else wide.panorama(side)
@@ -119,7 +131,9 @@ def make(tracer, args, kind):
     files = [f"images/{i:03}.exr" for i in range(args.views)]
     test = files[3::4]
     for i, matrix in enumerate(poses(args.scene, args.views)):
-        radiance, place = tracer.view(matrix, rays, lens["w"], lens["h"], args.samples, i)
+        radiance, place = kept(
+            out / f"traced/{i:03}.npz", lambda m=matrix, seed=i: tracer.view(m, rays, lens["w"], lens["h"], args.samples, seed)
+        )
         if is_fisheye:
             y, x = np.mgrid[0:side, 0:side] + 0.5
             outside = np.hypot(x - side / 2, y - side / 2) > side / 2

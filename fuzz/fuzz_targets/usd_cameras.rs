@@ -1,4 +1,4 @@
-//! Cameras of OpenUSD text, at several times, or an error.
+//! Cameras of OpenUSD, text or binary, at several times, or an error.
 #![no_main]
 
 use std::path::Path;

@@ -152,6 +152,7 @@ fn dispatch(command: Command, explicit: &ExplicitArgs) -> Result<Outcome> {
         Command::Render(args) => commands::render::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Edit(args) => commands::edit::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Export(args) => commands::export::run(&args, explicit).map(|()| Outcome::Finished),
+        Command::Mix(args) => commands::mix::run(&args).map(|()| Outcome::Finished),
         Command::Probe(args) => commands::probe::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Pick(args) => commands::pick::run(&args, explicit).map(|()| Outcome::Finished),
         #[cfg(feature = "view")]

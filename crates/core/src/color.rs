@@ -7,13 +7,20 @@
 //! - [`ColorModel::Lcd`]: L(v) q(v) with q = (r + e) / (sum r + 3 e), r = max(0, sum_m k_m Y_m(v))
 //!   (LCD-GS eq. 4) and L = g(l_0 + sum_{m>0} l_m Y_m(v)). q sums to 1, so L is the splat's
 //!   R + G + B. The paper uses luminance degree 0. [`DEAD_CHROMA_FLOOR`] is e.
+//! - [`ColorModel::Mix`]: sum_i g_i c_i(v), where each c_i is one of the two above and g_i >= 0 is
+//!   the splat's gain of light i.
 
 mod activation;
+mod light;
+mod mix;
 
 use serde::{Deserialize, Serialize};
 
-use self::activation::scale_luminance;
 pub use self::activation::{Activation, MAX_EXP_ARGUMENT};
+pub use self::light::Light;
+use self::light::LuminanceTerm;
+pub use self::mix::{Component, MAX_LIGHTS, Mix};
+use crate::engine::EngineError;
 use crate::sh::{self, MAX_COEFFICIENTS};
 use crate::{Real, each};
 
@@ -46,6 +53,9 @@ pub enum ColorModel {
         /// Map of the raw luminance to a positive number.
         activation: Activation,
     },
+    /// The sum of several lights, each with a gain per splat: scenes of the same geometry under
+    /// other light, added. See [`Mix`].
+    Mix(Mix),
 }
 
 /// The harmonic basis evaluated at a splat's viewing direction.
@@ -69,37 +79,94 @@ impl<R: Real> ColorBasis<R> {
 }
 
 impl ColorModel {
+    /// Returns the model's only light; `None` for a mix.
+    #[inline(always)]
+    pub fn single(self) -> Option<Light> {
+        match self {
+            Self::Sh { degree } => Some(Light { degree, luminance: None }),
+            Self::Lcd { chroma_degree, luminance_degree, activation } => {
+                Some(Light { degree: chroma_degree, luminance: Some(LuminanceTerm { degree: luminance_degree, activation }) })
+            }
+            Self::Mix(_) => None,
+        }
+    }
+
+    /// Returns the number of lights: 1, unless the model is a mix.
+    pub fn lights(self) -> usize {
+        if let Self::Mix(mix) = self { mix.len() } else { 1 }
+    }
+
+    /// Returns light `index` with the places of its coefficients; the last one if there are fewer.
+    #[inline(always)]
+    pub fn component(self, index: usize) -> Component {
+        match self {
+            Self::Sh { degree } => Component::alone(Light { degree, luminance: None }),
+            Self::Lcd { chroma_degree, luminance_degree, activation } => {
+                let luminance = Some(LuminanceTerm { degree: luminance_degree, activation });
+                Component::alone(Light { degree: chroma_degree, luminance })
+            }
+            Self::Mix(mix) => mix.component(index),
+        }
+    }
+
+    /// Returns the lights with the places of their coefficients.
+    pub fn components(self) -> impl Iterator<Item = Component> {
+        (0..self.lights()).map(move |index| self.component(index))
+    }
+
+    /// Checks that the model can be trained: a mix is not.
+    ///
+    /// # Errors
+    /// [`EngineError::Invalid`].
+    pub fn check_trainable(self) -> Result<(), EngineError> {
+        match self {
+            Self::Sh { .. } | Self::Lcd { .. } => Ok(()),
+            Self::Mix(_) => Err(EngineError::invalid(
+                "the scene is a mix of lights, expected a scene of one light: train the scenes that were mixed, and mix them again",
+            )),
+        }
+    }
+
     /// Returns the highest degree of any of the model's harmonics.
     pub fn max_degree(self) -> usize {
         self.sh_degree().max(self.luminance_degree())
     }
 
-    /// Returns the degree of the RGB or chromaticity harmonics.
+    /// Returns the degree of the RGB or chromaticity harmonics; of a mix, the highest.
     pub fn sh_degree(self) -> usize {
         match self {
             Self::Sh { degree } => degree.into(),
             Self::Lcd { chroma_degree, .. } => chroma_degree.into(),
+            Self::Mix(mix) => mix.lights().map(Light::sh_degree).max().unwrap_or(0),
         }
     }
 
-    /// Returns the degree of the luminance's harmonics; 0 for a model without luminance.
+    /// Returns the degree of the luminance's harmonics; 0 for a model without luminance; of a mix,
+    /// the highest.
     pub fn luminance_degree(self) -> usize {
         match self {
             Self::Sh { .. } => 0,
             Self::Lcd { luminance_degree, .. } => luminance_degree.into(),
+            Self::Mix(mix) => mix.lights().map(Light::luminance_degree).max().unwrap_or(0),
         }
     }
 
-    /// Returns K, the number of harmonics per channel of `Splats::sh`.
+    /// Returns K, the number of harmonics per channel of `Splats::sh`; of a mix, those of all
+    /// lights.
     pub fn sh_coefficients(self) -> usize {
-        sh::coefficients(self.sh_degree())
+        match self {
+            Self::Sh { .. } | Self::Lcd { .. } => sh::coefficients(self.sh_degree()),
+            Self::Mix(mix) => mix.lights().map(Light::sh_coefficients).sum(),
+        }
     }
 
-    /// Returns M, the number of values of `Splats::raw_luminance` per splat (0 for [`Self::Sh`]).
+    /// Returns M, the number of values of `Splats::raw_luminance` per splat: 0 for [`Self::Sh`]; of
+    /// a mix, the gain and the raw luminance of each light.
     pub fn luminance_coefficients(self) -> usize {
         match self {
             Self::Sh { .. } => 0,
             Self::Lcd { luminance_degree, .. } => sh::coefficients(luminance_degree.into()),
+            Self::Mix(mix) => mix.lights().map(|light| 1 + light.luminance_coefficients()).sum(),
         }
     }
 
@@ -110,11 +177,11 @@ impl ColorModel {
 
     /// Returns whether the degrees are within the supported ranges.
     pub fn is_valid(self) -> bool {
-        self.sh_degree() <= sh::MAX_DEGREE && self.luminance_degree() <= 3
+        self.components().all(|component| component.light.is_valid())
     }
 
     /// Returns the short name: `sh3`, `lcd` (chroma degree 3, luminance degree 0, softplus),
-    /// `lcd-c2-l1-exp`.
+    /// `lcd-c2-l1-exp`, `lcd+sh3` for a mix.
     pub fn name(self) -> String {
         match self {
             Self::Sh { degree } => format!("sh{degree}"),
@@ -129,6 +196,7 @@ impl ColorModel {
                     Activation::Relu => name + "-relu",
                 }
             }
+            Self::Mix(mix) => mix.lights().map(|light| light.model().name()).collect::<Vec<_>>().join("+"),
         }
     }
 
@@ -136,14 +204,15 @@ impl ColorModel {
     /// splat's coefficients.
     #[inline(always)]
     pub fn radiance<R: Real>(self, basis: &ColorBasis<R>, sh: impl Fn(usize, usize) -> R, raw_luminance: impl Fn(usize) -> R) -> [R; 3] {
-        let response = self.response(basis, &sh);
-        let zero = response[0].lift(0.0);
-        match self {
-            Self::Sh { .. } => each!([0, 1, 2] i => { let s = response[i]; (s + s.lift(SH_OFFSET)).max(zero) }),
-            Self::Lcd { activation, .. } => {
-                let luminance = activation.apply(self.raw_luminance(basis, &raw_luminance));
-                let (chroma, _) = chromaticity(response);
-                each!([0, 1, 2] i => { let q = chroma[i]; luminance * q })
+        match self.single() {
+            Some(light) => light.radiance(basis, sh, raw_luminance),
+            None => {
+                let zero = basis.direction[0].lift(0.0);
+                self.components().fold([zero; 3], |sum, component| {
+                    let radiance = component.radiance(basis, &sh, &raw_luminance);
+                    let gain = component.gain(&raw_luminance).unwrap_or(zero.lift(1.0));
+                    each!([0, 1, 2] i => { let c = radiance[i]; gain.mul_add(c, sum[i]) })
+                })
             }
         }
     }
@@ -163,48 +232,38 @@ impl ColorModel {
         mut add_sh: impl FnMut(usize, usize, R),
         mut add_luminance: impl FnMut(usize, R),
     ) -> [R; 3] {
-        let response = self.response(basis, &sh);
-        let zero = response[0].lift(0.0);
-        let mut d_basis = [zero; MAX_COEFFICIENTS];
-        let d_response = match self {
-            Self::Sh { .. } => each!([0, 1, 2] c => (response[c] + zero.lift(SH_OFFSET)).if_positive(d_radiance[c], zero)),
-            Self::Lcd { activation, .. } => {
-                let raw = self.raw_luminance(basis, &raw_luminance);
-                let luminance = activation.apply(raw);
-                let (chroma, sum) = chromaticity(response);
-                let along = d_radiance[0] * chroma[0] + d_radiance[1] * chroma[1] + d_radiance[2] * chroma[2];
-                let d_raw = along * activation.derivative(raw);
-                add_luminance(0, d_raw);
-                let rest = 1..self.active_luminance(basis);
-                for ((m, y), d_y) in rest.clone().zip(&basis.values[rest.clone()]).zip(&mut d_basis[rest]) {
-                    add_luminance(m, d_raw * *y);
-                    *d_y = d_raw * raw_luminance(m);
-                }
-                let scale = luminance / sum;
-                each!([0, 1, 2] c => response[c].if_positive(scale * (d_radiance[c] - along), zero))
-            }
-        };
-        let active = 0..self.active_sh(basis);
-        for ((m, y), d_y) in active.clone().zip(&basis.values[active.clone()]).zip(&mut d_basis[active]) {
-            for (c, d_response) in d_response.iter().enumerate() {
-                add_sh(m, c, *d_response * *y);
-                *d_y = d_response.mul_add(sh(m, c), *d_y);
-            }
+        if let Some(light) = self.single() {
+            return light.backward(basis, sh, raw_luminance, d_radiance, add_sh, add_luminance);
         }
-        let v = basis.direction;
-        let g = sh::basis_gradient(basis.active_degree.min(self.max_degree()), v, &d_basis);
-        let radial = g[0] * v[0] + g[1] * v[1] + g[2] * v[2];
-        each!([0, 1, 2] i => g[i] - radial * v[i])
+        let mut d_direction = [basis.direction[0].lift(0.0); 3];
+        for component in self.components() {
+            let Component { light, sh: first_sh, luminance: first_luminance, gain } = component;
+            let g = component.gain(&raw_luminance).unwrap_or(d_radiance[0].lift(1.0));
+            if let Some(gain) = gain {
+                let c = component.radiance(basis, &sh, &raw_luminance);
+                add_luminance(gain, d_radiance[0] * c[0] + d_radiance[1] * c[1] + d_radiance[2] * c[2]);
+            }
+            let d = light.backward(
+                basis,
+                |m, c| sh(first_sh + m, c),
+                |m| raw_luminance(first_luminance + m),
+                each!([0, 1, 2] i => { let d = d_radiance[i]; g * d }),
+                |m, c, gradient| add_sh(first_sh + m, c, gradient),
+                |m, gradient| add_luminance(first_luminance + m, gradient),
+            );
+            d_direction = each!([0, 1, 2] i => d_direction[i] + d[i]);
+        }
+        d_direction
     }
 
     /// Returns the coefficients `(sh DC [3], raw luminance)` of a splat that emits `rgb` in every
-    /// direction.
+    /// direction; of a mix, those of its first light.
     ///
     /// The chromaticity's DC sums to 1 / C0, so that its normaliser starts at 1.
     pub fn constant(self, rgb: [f32; 3]) -> ([f32; 3], f32) {
-        match self {
-            Self::Sh { .. } => (rgb.map(|c| (c - SH_OFFSET) / sh::C0), 0.0),
-            Self::Lcd { activation, .. } => {
+        match self.component(0).light.activation() {
+            None => (rgb.map(|c| (c - SH_OFFSET) / sh::C0), 0.0),
+            Some(activation) => {
                 let rgb = rgb.map(|c| c.max(0.0));
                 let luminance: f32 = rgb.iter().sum();
                 let chroma = if luminance > 0.0 { rgb.map(|c| c / luminance) } else { [1.0 / 3.0; 3] };
@@ -214,11 +273,11 @@ impl ColorModel {
     }
 
     /// Returns whether luminance is a separate parameter, which can change without changing
-    /// chromaticity.
+    /// chromaticity. A mix has gains.
     pub fn separates_luminance(self) -> bool {
         match self {
             Self::Sh { .. } => false,
-            Self::Lcd { .. } => true,
+            Self::Lcd { .. } | Self::Mix(_) => true,
         }
     }
 
@@ -229,10 +288,7 @@ impl ColorModel {
 
     /// Returns R + G + B of [`Self::base_radiance`].
     pub fn base_luminance(self, sh: &[f32], raw_luminance: &[f32]) -> f32 {
-        match self {
-            Self::Sh { .. } => self.base_radiance(sh, raw_luminance).iter().sum(),
-            Self::Lcd { activation, .. } => activation.apply(raw_luminance[0]),
-        }
+        self.components().map(|component| component.base_luminance(sh, raw_luminance)).sum()
     }
 
     /// Multiplies a splat's radiance by `factor` in every direction, by changing its `sh [K,3]` and
@@ -243,63 +299,13 @@ impl ColorModel {
     ///   bit-identical. Exact for luminance degree 0, and for every degree with Exp and Relu. With
     ///   Softplus above degree 0, exact to first order in the view-dependent part. A factor of 0
     ///   leaves a luminance of 1e-8, or the old one if that was smaller (0 with Relu).
+    /// - [`Self::Mix`]: only the gains change. Exact.
     pub fn scale_radiance(self, sh: &mut [f32], raw_luminance: &mut [f32], factor: f32) {
-        match self {
-            Self::Sh { .. } => {
-                let (dc, rest) = sh.split_at_mut(3);
-                // In f64, because the DC of a dark splat nearly cancels the offset.
-                let (factor_exact, offset) = (f64::from(factor), f64::from(SH_OFFSET) / f64::from(sh::C0));
-                dc.iter_mut().for_each(|dc| *dc = (factor_exact * (f64::from(*dc) + offset) - offset) as f32);
-                rest.iter_mut().for_each(|value| *value *= factor);
-            }
-            Self::Lcd { activation, .. } => scale_luminance(activation, raw_luminance, factor),
+        match self.single() {
+            Some(light) => light.scale_radiance(sh, raw_luminance, factor),
+            None => self.components().for_each(|component| component.scale(raw_luminance, factor)),
         }
     }
-
-    #[inline(always)]
-    fn active_sh<R>(self, basis: &ColorBasis<R>) -> usize {
-        sh::coefficients(basis.active_degree.min(self.sh_degree()))
-    }
-
-    #[inline(always)]
-    fn active_luminance<R>(self, basis: &ColorBasis<R>) -> usize {
-        sh::coefficients(basis.active_degree.min(self.luminance_degree()))
-    }
-
-    #[inline(always)]
-    fn response<R: Real>(self, basis: &ColorBasis<R>, sh: &impl Fn(usize, usize) -> R) -> [R; 3] {
-        let mut response = each!([0, 1, 2] c => sh(0, c) * basis.values[0]);
-        let rest = 1..self.active_sh(basis);
-        for (m, y) in rest.clone().zip(&basis.values[rest]) {
-            for (c, value) in response.iter_mut().enumerate() {
-                *value = sh(m, c).mul_add(*y, *value);
-            }
-        }
-        response
-    }
-
-    /// Returns l(v) = l_0 + sum over m > 0 of l_m Y_m(v).
-    ///
-    /// The constant term is not multiplied by its basis value, so that the paper's parameter and
-    /// learning rate keep their meaning.
-    #[inline(always)]
-    fn raw_luminance<R: Real>(self, basis: &ColorBasis<R>, raw: &impl Fn(usize) -> R) -> R {
-        let mut sum = raw(0);
-        let rest = 1..self.active_luminance(basis);
-        for (m, y) in rest.clone().zip(&basis.values[rest]) {
-            sum = raw(m).mul_add(*y, sum);
-        }
-        sum
-    }
-}
-
-/// Returns the chromaticity and the normaliser it was divided by.
-#[inline(always)]
-fn chromaticity<R: Real>(response: [R; 3]) -> ([R; 3], R) {
-    let floor = response[0].lift(DEAD_CHROMA_FLOOR);
-    let r = each!([0, 1, 2] i => { let s = response[i]; s.max(s.lift(0.0)) + floor });
-    let sum = r[0] + r[1] + r[2];
-    (each!([0, 1, 2] i => { let value = r[i]; value / sum }), sum)
 }
 
 #[cfg(test)]

@@ -190,6 +190,9 @@ pub struct Dataset {
     pub world_from_local: Similarity,
     /// Length of a unit of the world, metres; `None` if nothing states it.
     pub metres_per_unit: Option<f64>,
+    /// Views that memory has room for reading side by side, at least 1, while nothing else holds
+    /// any. Results do not depend on it.
+    pub readers: usize,
 }
 
 impl Dataset {

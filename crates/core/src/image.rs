@@ -24,6 +24,13 @@ impl Image {
         (pixels.len() == width.checked_mul(height)?).then_some(Self { width, height, pixels })
     }
 
+    /// Returns the sum with an image of the same size.
+    #[must_use]
+    pub fn plus(mut self, other: Self) -> Self {
+        self.pixels.as_flattened_mut().iter_mut().zip(other.pixels.as_flattened()).for_each(|(sum, value)| *sum += value);
+        self
+    }
+
     /// Returns the pixel in column `x` of row `y`.
     #[inline]
     pub fn at(&self, x: usize, y: usize) -> [f32; 3] {

@@ -9,6 +9,21 @@ fn mix(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
+/// Returns a well-mixed 32-bit hash (finaliser of MurmurHash3, Appleby 2011).
+#[inline]
+fn mix_32(mut h: u32) -> u32 {
+    h = (h ^ (h >> 16)).wrapping_mul(0x85eb_ca6b);
+    h = (h ^ (h >> 13)).wrapping_mul(0xc2b2_ae35);
+    h ^ (h >> 16)
+}
+
+/// Returns a uniform number in [0, 1) that depends on `(seed, index)` alone, from 32-bit operations
+/// that shaders have.
+#[inline]
+pub fn uniform_32(seed: u32, index: u32) -> f32 {
+    (mix_32(mix_32(index.wrapping_add(0x9e37_79b9)) ^ seed) >> 8) as f32 / 16_777_216.0
+}
+
 /// Returns three standard normal numbers that depend on `(seed, index)` alone (Box and Muller
 /// 1958).
 pub fn standard_normal(seed: u64, index: u64) -> [f32; 3] {
@@ -60,6 +75,20 @@ impl Stream {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_of_32_bits_are_uniform_for_every_seed_and_index() {
+        for seed in [0, 1, u32::MAX] {
+            let mut tenths = [0u32; 10];
+            for index in 0..100_000 {
+                tenths[(uniform_32(seed, index) * 10.0) as usize] += 1;
+            }
+            assert!(tenths.iter().all(|n| (9_600..10_400).contains(n)), "seed {seed}: {tenths:?}");
+            // The same splats are not left out again and again.
+            let both = (0..100_000).filter(|i| uniform_32(seed, *i) < 0.1 && uniform_32(seed.wrapping_add(1), *i) < 0.1).count();
+            assert!((900..1_100).contains(&both), "seed {seed}: {both}");
+        }
+    }
 
     #[test]
     fn noise_is_standard_normal_and_uncorrelated() {

@@ -1,7 +1,8 @@
 //! Conversion of a scene to another colour model: geometry stays, colours are approximated.
 //!
 //! In: splats. Out: splats of the new model, of the nearest colours it can represent. Degenerate:
-//! there is no conversion from [`ColorModel::Lcd`] to another model.
+//! there is no conversion from [`ColorModel::Lcd`] or [`ColorModel::Mix`] to another model, nor to
+//! a mix.
 
 use crate::sh::{self, C0};
 use crate::{ColorModel, SH_OFFSET, Splats};
@@ -11,8 +12,9 @@ use crate::{ColorModel, SH_OFFSET, Splats};
 const DARKEST: f32 = 0.01;
 
 impl Splats {
-    /// Returns the same splats in `color_model`; `None` from [`ColorModel::Lcd`] to anything else,
-    /// because products of luminance and chromaticity are not harmonics.
+    /// Returns the same splats in `color_model`; `None` from [`ColorModel::Lcd`] or a mix to
+    /// anything else, because products of luminance and chromaticity are not harmonics, and to a
+    /// mix.
     ///
     /// - [`ColorModel::Sh`] to another degree: higher coefficients are dropped, missing ones are
     ///   zero.
@@ -24,14 +26,14 @@ impl Splats {
         if color_model == self.color_model {
             return Some(self.clone());
         }
-        let ColorModel::Sh { .. } = self.color_model else { return None };
+        let (ColorModel::Sh { .. }, Some(_)) = (self.color_model, color_model.single()) else { return None };
         let mut splats = Self { color_model, sh: Vec::new(), raw_luminance: Vec::new(), ..self.clone() };
         splats.sh.reserve_exact(self.len() * 3 * color_model.sh_coefficients());
         for i in 0..self.len() {
             let from = self.sh_of(i);
-            let (dc, raw_luminance, scale) = match color_model {
-                ColorModel::Sh { .. } => ([from[0], from[1], from[2]], 0.0, 1.0),
-                ColorModel::Lcd { .. } => {
+            let (dc, raw_luminance, scale) = match color_model.separates_luminance() {
+                false => ([from[0], from[1], from[2]], 0.0, 1.0),
+                true => {
                     let rgb = [0, 1, 2].map(|c| (C0 * from[c] + SH_OFFSET).max(DARKEST));
                     let (dc, raw_luminance) = color_model.constant(rgb);
                     // The response is the harmonics' radiance divided by the luminance; the

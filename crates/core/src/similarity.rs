@@ -11,7 +11,7 @@
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use crate::sh::{self, MAX_COEFFICIENTS};
-use crate::{Camera, Splats, least_squares};
+use crate::{Camera, Component, Splats, least_squares};
 
 /// The transform p' = scale rotation p + translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -141,11 +141,13 @@ impl Similarity {
         }
         let model = splats.color_model;
         let bands = BandRotation::new(model.max_degree(), self.rotation);
-        let k = model.sh_coefficients();
-        splats.sh.chunks_exact_mut(3 * k).for_each(|sh| bands.apply(sh, 3, model.sh_degree()));
         // A model without luminance has M = 0, which is no valid chunk length.
-        let m = model.luminance_coefficients().max(1);
-        splats.raw_luminance.chunks_exact_mut(m).for_each(|raw| bands.apply(raw, 1, model.luminance_degree()));
+        let (k, m) = (model.sh_coefficients(), model.luminance_coefficients().max(1));
+        for Component { light, sh: first_sh, luminance: first_luminance, .. } in model.components() {
+            splats.sh.chunks_exact_mut(3 * k).for_each(|sh| bands.apply(&mut sh[3 * first_sh..], 3, light.sh_degree()));
+            let raw = splats.raw_luminance.chunks_exact_mut(m);
+            raw.for_each(|raw| bands.apply(&mut raw[first_luminance..], 1, light.luminance_degree()));
+        }
     }
 }
 

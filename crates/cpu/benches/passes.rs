@@ -90,6 +90,7 @@ impl Session {
             },
             betas: AdamBetas::default(),
             position_noise: None,
+            dropout: None,
             stats: StatsCollection::Gradients,
             camera_gradient: CameraGradientChoice::Skip,
         };

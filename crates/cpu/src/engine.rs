@@ -6,6 +6,7 @@
 mod blended;
 mod clock;
 mod differentiable;
+mod lights;
 mod projected;
 mod screens;
 mod spare;
@@ -90,6 +91,7 @@ impl CpuEngine {
     /// # Errors
     /// The errors of [`Engine::train_step`].
     pub fn gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, Splats), EngineError> {
+        self.state.check_trainable()?;
         let camera = checked_view(view, step, &mut self.lenses)?;
         Ok(self.pool.install(|| self.state.gradients(&camera, view, step)))
     }
@@ -151,7 +153,7 @@ fn checked_camera(camera: &Camera, options: &RenderOptions, lenses: &mut Lenses)
 /// Returns the camera of a view, after checking that image and mask have its size.
 fn checked_view(view: &View, step: &StepConfig, lenses: &mut Lenses) -> Result<ScreenCamera, EngineError> {
     view.validate()?;
-    checked_camera(&view.camera, &step.render, lenses)
+    Ok(ScreenCamera { dropout: step.dropout, ..checked_camera(&view.camera, &step.render, lenses)? })
 }
 
 impl Engine for CpuEngine {
@@ -193,11 +195,13 @@ impl Engine for CpuEngine {
     }
 
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
+        self.state.check_trainable()?;
         let camera = checked_view(view, step, &mut self.lenses)?;
         Ok(self.pool.install(|| self.state.train_step(&camera, view, step)))
     }
 
     fn camera_gradient(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
+        self.state.check_trainable()?;
         let camera = checked_view(view, step, &mut self.lenses)?;
         Ok(self.pool.install(|| self.state.camera_gradient(&camera, view, step)))
     }

@@ -6,8 +6,7 @@
 use std::sync::Arc;
 
 use fearless_simd::Simd;
-use luxel_core::engine::{BlendOptions, MatrixCamera};
-use luxel_core::engine::{JACOBIAN_MARGIN, ParameterRows};
+use luxel_core::engine::{BlendOptions, Dropout, JACOBIAN_MARGIN, MatrixCamera, ParameterRows};
 use luxel_core::{Antialias, Camera, CameraError, Cutoffs, MAX_SAMPLES, Real, RenderOptions, each};
 
 use crate::lanes::{Lanes, V, dot};
@@ -54,6 +53,10 @@ pub(crate) struct ScreenCamera {
     pub(crate) filter: ScreenFilter,
     pub(crate) background: [f32; 3],
     pub(crate) active_degree: usize,
+    /// Splats that are left out.
+    pub(crate) dropout: Option<Dropout>,
+    /// Number of the light that is rendered, 0 for the first: see [`luxel_core::Mix`].
+    pub(crate) light: usize,
     /// The rays of the pixels; `None` for a pinhole.
     pub(crate) rays: Option<Arc<RayTable>>,
 }
@@ -85,6 +88,8 @@ impl ScreenCamera {
             filter: ScreenFilter::new(options.raster.antialias),
             background: options.background,
             active_degree: options.active_degree,
+            dropout: None,
+            light: 0,
             rays,
         })
     }
@@ -115,8 +120,16 @@ impl ScreenCamera {
             filter: ScreenFilter { dilation_px2: options.dilation_px2, compensates_opacity: options.compensates_opacity, smooths: false },
             background: [0.0; 3],
             active_degree: 0,
+            dropout: None,
+            light: 0,
             rays: None,
         }
+    }
+
+    /// Returns the camera for light `light` of `lights`, whose images add to the image: each has
+    /// its part of the background.
+    pub(crate) fn for_light(&self, light: usize, lights: usize) -> Self {
+        Self { light, background: self.background.map(|c| c / lights as f32), ..self.clone() }
     }
 
     /// Returns the camera of the image's own pixels. Only its size may be used: the other fields

@@ -6,7 +6,7 @@ use std::fmt::Write;
 
 use luxel_core::engine::ParameterRows;
 use luxel_core::engine::{ADAM_EPSILON, MIN_AREA_RATIO};
-use luxel_core::{Activation, ColorModel, DEAD_CHROMA_FLOOR, MAX_EXP_ARGUMENT, SH_OFFSET, sh};
+use luxel_core::{Activation, ColorModel, Component, DEAD_CHROMA_FLOOR, MAX_EXP_ARGUMENT, SH_OFFSET, sh};
 use luxel_core::{SSIM_C1, SSIM_C2, SSIM_RADIUS, ssim_window};
 
 use crate::layout::{
@@ -47,7 +47,6 @@ pub(crate) fn constants() -> String {
         ("ROW_ROTATION", ParameterRows::ROTATION as u32),
         ("ROW_LOG_SCALE", ParameterRows::LOG_SCALE as u32),
         ("ROW_OPACITY", ParameterRows::OPACITY as u32),
-        ("ROW_SH", ParameterRows::SH as u32),
         ("ACTIVATION_SOFTPLUS", 0),
         ("ACTIVATION_EXP", 1),
         ("ACTIVATION_RELU", 2),
@@ -85,26 +84,25 @@ pub(crate) fn constants() -> String {
     text
 }
 
-/// Returns the constants that follow from the colour model.
-pub(crate) fn model_constants(model: ColorModel, update: Update) -> String {
+/// Returns the constants that follow from the colour model, for its light number `light`.
+pub(crate) fn model_constants(model: ColorModel, light: usize, update: Update) -> String {
     let rows = ParameterRows { color_model: model };
-    let (luminance_degree, activation) = match model {
-        ColorModel::Sh { .. } => (0, Activation::Softplus),
-        ColorModel::Lcd { luminance_degree, activation, .. } => (u32::from(luminance_degree), activation),
-    };
-    let activation = match activation {
+    let Component { light, sh: first_sh, luminance: first_luminance, gain } = model.component(light);
+    let activation = match light.activation().unwrap_or_default() {
         Activation::Softplus => "ACTIVATION_SOFTPLUS",
         Activation::Exp => "ACTIVATION_EXP",
         Activation::Relu => "ACTIVATION_RELU",
     };
     let mut text = String::new();
     let integers = [
-        ("SH_DEGREE", model.sh_degree() as u32),
-        ("LUMINANCE_DEGREE", luminance_degree),
-        ("MAX_MODEL_DEGREE", model.max_degree() as u32),
-        ("SH_COEFFICIENTS", model.sh_coefficients() as u32),
-        ("LUMINANCE_COEFFICIENTS", model.luminance_coefficients() as u32),
-        ("ROW_LUMINANCE", rows.luminance() as u32),
+        ("SH_DEGREE", light.sh_degree() as u32),
+        ("LUMINANCE_DEGREE", light.luminance_degree() as u32),
+        ("MAX_LIGHT_DEGREE", light.max_degree() as u32),
+        ("SH_COEFFICIENTS", light.sh_coefficients() as u32),
+        ("LUMINANCE_COEFFICIENTS", light.luminance_coefficients() as u32),
+        ("ROW_SH", (ParameterRows::SH + 3 * first_sh) as u32),
+        ("ROW_LUMINANCE", (rows.luminance() + first_luminance) as u32),
+        ("ROW_GAIN", (rows.luminance() + gain.unwrap_or(0)) as u32),
         ("ROW_SMOOTHING", rows.count() as u32),
         ("ROWS", rows.count() as u32),
     ];
@@ -112,7 +110,8 @@ pub(crate) fn model_constants(model: ColorModel, update: Update) -> String {
         declare(&mut text, name, "u32", &format!("{value}u"));
     }
     declare(&mut text, "ACTIVATION", "u32", activation);
-    declare(&mut text, "IS_LCD", "bool", &matches!(model, ColorModel::Lcd { .. }).to_string());
+    declare(&mut text, "IS_LCD", "bool", &light.activation().is_some().to_string());
+    declare(&mut text, "HAS_GAIN", "bool", &gain.is_some().to_string());
     declare(&mut text, "ONLY_GRADIENTS", "bool", &(update == Update::OnlyGradients).to_string());
     declare(&mut text, "ONLY_CAMERA", "bool", &(update == Update::OnlyCamera).to_string());
     text

@@ -32,6 +32,7 @@ use crate::targets::Targets;
 mod batch;
 mod camera;
 mod contract;
+mod lights;
 mod retire;
 #[cfg(feature = "testing")]
 mod surplus;
@@ -76,8 +77,8 @@ pub struct Traffic {
 
 /// The content of a submission.
 enum Submission<'a> {
-    Render { camera: &'a Camera, options: &'a RenderOptions },
-    Contributions { camera: &'a Camera, options: &'a RenderOptions, mask: &'a Buffer, out: &'a Buffer },
+    Render { camera: &'a Camera, options: &'a RenderOptions, light: usize },
+    Contributions { camera: &'a Camera, options: &'a RenderOptions, light: usize, mask: &'a Buffer, out: &'a Buffer },
     Train { view: &'a View, step: &'a StepConfig },
     Gradients { view: &'a View, step: &'a StepConfig, out: GradientOutput<'a> },
     CameraGradient { view: &'a View, step: &'a StepConfig },
@@ -89,6 +90,14 @@ impl<'a> Submission<'a> {
         match self {
             Self::Train { view, step } | Self::Gradients { view, step, .. } | Self::CameraGradient { view, step } => Some((view, step)),
             Self::Render { .. } | Self::Contributions { .. } => None,
+        }
+    }
+
+    /// Returns the number of the light that is rendered.
+    fn light(&self) -> usize {
+        match self {
+            Self::Render { light, .. } | Self::Contributions { light, .. } => *light,
+            Self::Train { .. } | Self::Gradients { .. } | Self::CameraGradient { .. } => 0,
         }
     }
 
@@ -166,6 +175,7 @@ impl GpuEngine {
     /// # Errors
     /// The errors of [`train_step`](luxel_core::Engine::train_step).
     pub fn gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, Splats), EngineError> {
+        self.scene.rows.color_model.check_trainable()?;
         self.wait_idle_checked()?;
         view.validate()?;
         let scratch = GpuScene::zeros(&self.gpu, self.scene.rows, self.scene.count, self.shard_len())?;
@@ -238,7 +248,7 @@ impl GpuEngine {
                 return Ok(state);
             }
             let (camera, options, training) = match work {
-                Submission::Render { camera, options } => (*camera, *options, false),
+                Submission::Render { camera, options, .. } => (*camera, *options, false),
                 Submission::Contributions { camera, options, .. } => (*camera, *options, true),
                 Submission::Train { view, step } | Submission::Gradients { view, step, .. } | Submission::CameraGradient { view, step } => {
                     (&view.camera, &step.render, true)
@@ -251,11 +261,11 @@ impl GpuEngine {
     /// Records work and submits it: one submission.
     fn submit(&mut self, work: &Submission<'_>) -> Result<Report, EngineError> {
         let (camera, options, purpose) = match work {
-            Submission::Render { camera, options } => (*camera, *options, Purpose::Image),
+            Submission::Render { camera, options, .. } => (*camera, *options, Purpose::Image),
             // It reads what the backward pass reads.
-            Submission::Contributions { camera, options, .. } => (*camera, *options, Purpose::Training(StatsCollection::Off)),
+            Submission::Contributions { camera, options, .. } => (*camera, *options, Purpose::Training(StatsCollection::Off, None)),
             Submission::Train { view, step } | Submission::Gradients { view, step, .. } | Submission::CameraGradient { view, step } => {
-                (&view.camera, &step.render, Purpose::Training(step.stats))
+                (&view.camera, &step.render, Purpose::Training(step.stats, step.dropout))
             }
         };
         let (camera, samples) = &supersampled(camera, options);
@@ -293,7 +303,8 @@ impl GpuEngine {
                 Some((target, vignetting))
             }
         };
-        let mut recorder = Recorder { gpu, commands, frame, scene, size_px: camera.size_px, samples: *samples, pixels };
+        let mut recorder =
+            Recorder { gpu, commands, frame, scene, size_px: camera.size_px, samples: *samples, pixels, light: work.light() };
         recorder.forward();
         if let Some((target, vignetting)) = target {
             recorder.backward(target, vignetting);

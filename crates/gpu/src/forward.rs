@@ -180,7 +180,7 @@ impl Resource {
 }
 
 /// Returns pass `project`, which runs once for each shard; its number of splats is the shard's.
-pub(crate) fn project(model: ColorModel, pixels: PixelKind) -> Dispatch {
+pub(crate) fn project(model: ColorModel, light: usize, pixels: PixelKind) -> Dispatch {
     let bindings = vec![
         at(0, Resource::Camera),
         at(1, Resource::Shard),
@@ -190,8 +190,8 @@ pub(crate) fn project(model: ColorModel, pixels: PixelKind) -> Dispatch {
         at(5, Resource::Places),
     ];
     let workgroups = per(Count::Splats, SPLATS);
-    let pinhole = Dispatch { pass: Pass::Project, kernel: KernelId::Project(model), bindings, workgroups };
-    pixels.dispatch(pinhole, KernelId::ProjectRays(model))
+    let pinhole = Dispatch { pass: Pass::Project, kernel: KernelId::Project(model, light), bindings, workgroups };
+    pixels.dispatch(pinhole, KernelId::ProjectRays(model, light))
 }
 
 fn per(count: Count, per: u64) -> Workgroups {

@@ -14,7 +14,8 @@ use crate::layout::Update;
 /// The identity of a compute shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum KernelId {
-    Project(ColorModel),
+    /// The projection, with the colour of a light by its number.
+    Project(ColorModel, usize),
     SortCount,
     SortScan,
     SortScatter,
@@ -42,7 +43,7 @@ pub(crate) enum KernelId {
     Contribute,
     ContributeSum,
     /// The kernels above for cameras whose pixels are rays.
-    ProjectRays(ColorModel),
+    ProjectRays(ColorModel, usize),
     BinEmitRays,
     RasterizeRays,
     RasterizeBackwardRays,
@@ -85,7 +86,7 @@ impl KernelId {
     /// Returns the entry point.
     pub(crate) fn name(self) -> &'static str {
         match self {
-            Self::Project(_) | Self::ProjectRays(_) => "project",
+            Self::Project(..) | Self::ProjectRays(..) => "project",
             Self::SortCount => "sort_count",
             Self::SortScan => "sort_scan",
             Self::SortScatter => "sort_scatter",
@@ -112,8 +113,8 @@ impl KernelId {
     #[rustfmt::skip]
     pub(crate) fn files(self) -> &'static [&'static str] {
         match self {
-            Self::Project(_) => &[COMMON, ROTATION, LINEARISE, PARAMETERS, GEOMETRY, COLOR, FOOTPRINT, ELLIPSE, file!("place"), PROJECT],
-            Self::ProjectRays(_) =>
+            Self::Project(..) => &[COMMON, ROTATION, LINEARISE, PARAMETERS, GEOMETRY, COLOR, FOOTPRINT, ELLIPSE, file!("place"), PROJECT],
+            Self::ProjectRays(..) =>
                 &[COMMON, LENS, ROTATION, LINEARISE_RAYS, PARAMETERS, GEOMETRY, COLOR, FOOTPRINT, ELLIPSE_RAYS, file!("place_rays"), PROJECT],
             Self::SortCount | Self::SortScan | Self::SortScatter => SORT,
             Self::BinSum | Self::BinScan | Self::BinEmit | Self::BinRanges => BIN,
@@ -151,13 +152,14 @@ impl KernelId {
 pub(crate) fn source(kernel: KernelId) -> String {
     let mut text = constants();
     match kernel {
-        KernelId::Project(model) | KernelId::ProjectRays(model) | KernelId::Apply(model) | KernelId::Densify(model) => {
-            text += &model_constants(model, Update::Parameters);
+        KernelId::Project(model, light) | KernelId::ProjectRays(model, light) => {
+            text += &model_constants(model, light, Update::Parameters);
         }
+        KernelId::Apply(model) | KernelId::Densify(model) => text += &model_constants(model, 0, Update::Parameters),
         KernelId::ProjectBackward(model, update) | KernelId::ProjectBackwardRays(model, update) => {
-            text += &model_constants(model, update);
+            text += &model_constants(model, 0, update);
         }
-        KernelId::CameraBackward(model) | KernelId::CameraBackwardRays(model) => text += &model_constants(model, Update::OnlyCamera),
+        KernelId::CameraBackward(model) | KernelId::CameraBackwardRays(model) => text += &model_constants(model, 0, Update::OnlyCamera),
         _ => {}
     }
     for file in kernel.files() {
@@ -199,7 +201,7 @@ impl Kernel {
 
 #[cfg(test)]
 mod tests {
-    use luxel_core::Activation;
+    use luxel_core::{Activation, Mix};
     use naga::valid::{Capabilities, ValidationFlags, Validator};
 
     use super::*;
@@ -211,6 +213,7 @@ mod tests {
         let mut models: Vec<ColorModel> = (0..=5).map(|degree| ColorModel::Sh { degree }).collect();
         models.extend([lcd(0, 0, Activation::Softplus), lcd(3, 0, Activation::Softplus)]);
         models.extend([lcd(5, 3, Activation::Exp), lcd(1, 2, Activation::Relu), lcd(0, 3, Activation::Softplus)]);
+        models.extend(Mix::new([models[3], models[6], models[8]]).map(ColorModel::Mix));
         let mut kernels = vec![
             KernelId::SortCount,
             KernelId::SortScan,
@@ -237,8 +240,8 @@ mod tests {
         ];
         for model in models {
             kernels.extend([
-                KernelId::Project(model),
-                KernelId::ProjectRays(model),
+                KernelId::Project(model, model.lights() - 1),
+                KernelId::ProjectRays(model, 0),
                 KernelId::ProjectBackwardRays(model, Update::Parameters),
                 KernelId::ProjectBackward(model, Update::Parameters),
                 KernelId::ProjectBackward(model, Update::OnlyGradients),

@@ -103,6 +103,14 @@ pub(crate) struct CameraUniform {
     pub(crate) entry_capacity: u32,
     /// Samples along the side of a pixel of the image.
     pub(crate) samples: u32,
+    /// See [`luxel_core::engine::Dropout::rate`]; 0 for all splats.
+    pub(crate) dropout_rate: f32,
+    /// See [`luxel_core::engine::Dropout::opacity_factor`].
+    pub(crate) opacity_factor: f32,
+    /// See [`luxel_core::engine::Dropout::seed`].
+    pub(crate) dropout_seed: u32,
+    /// Unused.
+    pub(crate) padding: u32,
 }
 
 /// The lens of a camera whose pixels are rays. Twin: `Lens` in lens.wgsl.

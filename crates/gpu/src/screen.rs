@@ -4,7 +4,7 @@
 //! and invalid cameras are errors.
 
 use bytemuck::Zeroable;
-use luxel_core::engine::{JACOBIAN_MARGIN, PixelAngle, StatsCollection, StepConfig};
+use luxel_core::engine::{Dropout, JACOBIAN_MARGIN, PixelAngle, StatsCollection, StepConfig};
 use luxel_core::{
     Antialias, Camera, CameraProjection, EngineError, LossWeights, MAX_SAMPLES, RenderOptions, SQUARED_KNEE, VIGNETTING_TERMS, View,
     Vignetting,
@@ -17,12 +17,12 @@ use crate::layout::{
 };
 
 /// The purpose of a frame, which decides what it computes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Purpose {
     /// The image.
     Image,
-    /// Gradients, with these statistics.
-    Training(StatsCollection),
+    /// Gradients, with these statistics, without the splats that are left out.
+    Training(StatsCollection, Option<Dropout>),
 }
 
 /// Returns the number of tiles across and down.
@@ -77,9 +77,13 @@ pub(crate) fn camera_uniform(
         (antialias.compensates_opacity(), FLAG_COMPENSATION),
         (antialias == Antialias::Mip && has_smoothing, FLAG_SMOOTHING),
         (cutoffs.min_contribution.is_finite(), FLAG_MIN_CONTRIBUTION),
-        (matches!(purpose, Purpose::Training(_)), FLAG_TRAINING),
-        (purpose == Purpose::Training(StatsCollection::GradientsAndAbsolute), FLAG_ABSOLUTE),
+        (matches!(purpose, Purpose::Training(..)), FLAG_TRAINING),
+        (matches!(purpose, Purpose::Training(StatsCollection::GradientsAndAbsolute, _)), FLAG_ABSOLUTE),
     ];
+    let dropout = match purpose {
+        Purpose::Training(_, Some(dropout)) => dropout,
+        _ => Dropout { rate: 0.0, seed: 0 },
+    };
     CameraUniform {
         row_x: row(0),
         row_y: row(1),
@@ -104,6 +108,10 @@ pub(crate) fn camera_uniform(
         count,
         entry_capacity,
         samples: options.raster.samples.clamp(1, MAX_SAMPLES).into(),
+        dropout_rate: dropout.rate,
+        opacity_factor: dropout.opacity_factor(),
+        dropout_seed: dropout.seed,
+        padding: 0,
     }
 }
 

@@ -56,6 +56,8 @@ pub(crate) struct Recorder<'a> {
     /// Samples along the side of a pixel.
     pub(crate) samples: u32,
     pub(crate) pixels: PixelKind,
+    /// Number of the light that is rendered.
+    pub(crate) light: usize,
 }
 
 impl Recorder<'_> {
@@ -103,7 +105,7 @@ impl Recorder<'_> {
 
     fn project(&mut self) {
         let scene = self.scene;
-        let dispatch = forward::project(scene.rows.color_model, self.pixels);
+        let dispatch = forward::project(scene.rows.color_model, self.light, self.pixels);
         for shard in &scene.shards {
             self.dispatch(&dispatch, Some(shard));
         }

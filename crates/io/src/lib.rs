@@ -28,6 +28,7 @@ mod pinhole;
 mod ply;
 mod read_file;
 mod scene_file;
+mod sog;
 mod spz;
 mod tags;
 mod tensors;
@@ -73,6 +74,7 @@ pub use ply::{
 };
 pub use read_file::{open_regular, read_file};
 pub use scene_file::{SceneFile, SceneFormat, read_scene, read_scene_file};
+pub use sog::{encode_sog, sog_positions, write_sog};
 pub use spz::{SpzPositions, SpzVersion, decode_spz, encode_spz, read_spz, spz_out_of_range, spz_positions, write_spz};
 pub use tensors::{Tensors, decode_tensors, read_tensors};
 pub use usd::{

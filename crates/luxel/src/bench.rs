@@ -107,6 +107,7 @@ fn step(protocol: &Protocol, step: u32) -> StepConfig {
         },
         betas: AdamBetas::default(),
         position_noise: None,
+        dropout: None,
         stats: StatsCollection::Gradients,
         camera_gradient: CameraGradientChoice::Skip,
     }

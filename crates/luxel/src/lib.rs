@@ -66,6 +66,7 @@ pub mod lens;
 mod log_record;
 pub mod machine;
 pub mod memory;
+pub mod mix;
 pub mod output;
 pub mod pick;
 pub mod prepare;

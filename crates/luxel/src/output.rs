@@ -27,8 +27,8 @@ pub const PREVIEW_EXPOSURE: &str = "luxel:preview_exposure_ev";
 /// Extensions of images and videos, which a folder of images does not have.
 pub const IMAGE_EXTENSIONS: [&str; 5] = ["exr", "png", "mp4", "mov", "mkv"];
 /// Extensions of scenes and other results, which the folder of a run does not have.
-pub const RESULT_EXTENSIONS: [&str; 14] =
-    ["exr", "png", "mp4", "mov", "mkv", "ply", "usda", "usd", "usdc", "usdz", "glb", "gltf", "spz", "json"];
+pub const RESULT_EXTENSIONS: [&str; 15] =
+    ["exr", "png", "mp4", "mov", "mkv", "ply", "usda", "usd", "usdc", "usdz", "glb", "gltf", "spz", "sog", "json"];
 
 /// Refuses an output path that is a folder, or an existing file unless `overwrite` is set.
 ///

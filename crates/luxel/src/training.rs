@@ -47,9 +47,10 @@ pub struct TrainingBuilder<'a> {
     seed: Option<u64>,
     method: Option<Method>,
     max_splats: Option<u32>,
+    from: Option<&'a Scene>,
 }
 
-impl TrainingBuilder<'_> {
+impl<'a> TrainingBuilder<'a> {
     /// Sets every option of the method. The others of this builder take precedence, in any order of
     /// calls.
     #[must_use]
@@ -93,6 +94,13 @@ impl TrainingBuilder<'_> {
         self
     }
 
+    /// Sets the scene whose splats the training starts from; see [`Trainer::from_scene`].
+    #[must_use]
+    pub fn from_scene(mut self, scene: &'a Scene) -> Self {
+        self.from = Some(scene);
+        self
+    }
+
     /// Sets what computes; [`crate::Device::Auto`] by default.
     #[must_use]
     pub fn device(mut self, device: impl Into<DeviceOptions>) -> Self {
@@ -107,7 +115,11 @@ impl TrainingBuilder<'_> {
     pub fn start(self) -> Result<Training> {
         let config = self.resolved();
         let engine = open_engine(self.dataset, &self.device)?;
-        let trainer = Trainer::new(self.dataset, config, engine).context("cannot start training")?;
+        let trainer = match self.from {
+            None => Trainer::new(self.dataset, config, engine),
+            Some(scene) => Trainer::from_scene(self.dataset, scene, config, engine),
+        };
+        let trainer = trainer.context("cannot start training")?;
         Ok(Training::new(trainer, self.dataset))
     }
 
@@ -186,7 +198,7 @@ impl Training {
     /// Returns the settings to start a training on `dataset` from.
     pub fn builder(dataset: &Dataset) -> TrainingBuilder<'_> {
         let (device, config) = (DeviceOptions::default(), TrainConfig::default());
-        TrainingBuilder { dataset, device, config, preset: None, steps: None, seed: None, method: None, max_splats: None }
+        TrainingBuilder { dataset, device, config, preset: None, steps: None, seed: None, method: None, max_splats: None, from: None }
     }
 
     fn new(trainer: Trainer, dataset: &Dataset) -> Self {

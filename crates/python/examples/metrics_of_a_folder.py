@@ -3,6 +3,7 @@
     python metrics_of_a_folder.py REFERENCES IMAGES
 """
 
+# %% parameters references = "references", images = "renders"
 from __future__ import annotations
 
 import csv
@@ -10,18 +11,20 @@ import sys
 
 from luxel import metrics
 
-COLUMNS = ["name", "psnr_scene", "psnr_gtmax", "ssim_gtmax", "pu21_psnr", "log_rmse", "hdr_flip"]
+if len(sys.argv) != 3:
+    sys.exit(__doc__)
+references, images = sys.argv[1:]
 
+# %% text
+# Both folders hold HDR images. PU21 and HDR-FLIP follow what people see on a display, `psnr_scene` compares
+# radiance under the mu-law, and `log_rmse` its logarithm.
 
-def main(references: str, images: str) -> None:
-    found = metrics.compare_files(references, images)
-    table = csv.DictWriter(sys.stdout, COLUMNS, extrasaction="ignore")
-    table.writeheader()
-    table.writerows(found["images"])
-    table.writerow({"name": "mean", **found["mean"]})
+# %%
+found = metrics.compare_files(references, images)
 
-
-if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        sys.exit(__doc__)
-    main(sys.argv[1], sys.argv[2])
+# %%
+columns = ["name", "psnr_scene", "psnr_gtmax", "ssim_gtmax", "pu21_psnr", "log_rmse", "hdr_flip"]
+table = csv.DictWriter(sys.stdout, columns, extrasaction="ignore")
+table.writeheader()
+table.writerows(found["images"])
+table.writerow({"name": "mean", **found["mean"]})

@@ -1,30 +1,23 @@
 """Trains a scene with PyTorch: own loss, own optimiser, Luxel's rasteriser and colour model.
 
-    python train_with_torch.py DATASET OUT.ply [STEPS]
+    python train_with_torch.py DATASET OUT.ply [STEPS] [MAX_SPLATS]
 
-Splats grow by gsplat's DefaultStrategy where gsplat is installed (it needs no CUDA for that), else by
-cloning those whose means have the largest gradients. Everything is linear radiance; only the loss looks
-through a tone curve.
+Needs gsplat for its DefaultStrategy, which runs without CUDA. Loss, learning rates and the mean of the last steps are as in
+`luxel train`. Everything is linear radiance; only the loss looks through a tone curve.
 """
 
-from __future__ import annotations
-
 import sys
-from typing import Any
 
 import numpy as np
 import torch
+from gsplat import DefaultStrategy
+from torch.nn.functional import conv2d
 
 import luxel
 from luxel.torch import lcd_radiance, rasterization
 
-try:
-    from gsplat import DefaultStrategy
-except ImportError:
-    DefaultStrategy = None
-
-MU, MOST_SPLATS = 5000.0, 60_000
-RATES = {"means": 3e-4, "quats": 1e-3, "scales": 5e-3, "opacities": 5e-2, "chroma": 5e-3, "luminance": 2e-2}
+MU, KNEE, AVERAGED = 5000.0, 0.03, 0.15
+RATES = {"means": 4e-4, "quats": 1e-3, "scales": 5e-3, "opacities": 5e-2, "dc": 2.5e-3, "rest": 1.25e-4, "luminance": 5e-2}
 
 
 def tone(radiance: torch.Tensor) -> torch.Tensor:
@@ -32,97 +25,75 @@ def tone(radiance: torch.Tensor) -> torch.Tensor:
     return torch.log1p(MU * radiance.clamp_min(0.0)) / np.log1p(MU)
 
 
-def initial(dataset: luxel.Dataset, count: int, extent: float) -> dict[str, torch.nn.Parameter]:
-    """Splats at the points of the data set, or around the origin where there are none."""
-    g = torch.Generator().manual_seed(1)
-    points = torch.from_numpy(np.asarray(dataset.points, np.float32))
-    if len(points) == 0:
-        points = extent * torch.randn(count, 3, generator=g)
-    means = points[torch.randint(len(points), (count,), generator=g)] + 0.01 * extent * torch.randn(count, 3, generator=g)
-    n = len(means)
-    chroma = torch.zeros(n, 9, 3)
-    chroma[:, 0] = 1 / (3 * 0.282095)
-    values = {
-        "means": means,
-        "quats": torch.randn(n, 4, generator=g),
-        "scales": torch.full((n, 3), float(np.log(0.03 * extent))),
-        "opacities": torch.full((n,), -2.0),
-        "chroma": chroma,
-        "luminance": torch.full((n, 1), 0.5),
-    }
-    return {name: torch.nn.Parameter(value) for name, value in values.items()}
+def ssim(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+    """The mean SSIM of images [H, W, 3], in Gaussian windows of 11 pixels."""
+    maps = torch.stack([a, b, a * a, b * b, a * b]).permute(0, 3, 1, 2).reshape(15, 1, *a.shape[:2])
+    window = torch.exp(-((torch.arange(11.0) - 5) ** 2) / (2 * 1.5**2))
+    window = (window / window.sum()).reshape(1, 1, -1, 1)
+    maps = conv2d(conv2d(maps, window, padding=(5, 0)), window.transpose(2, 3), padding=(0, 5))
+    ma, mb, aa, bb, ab = maps.reshape(5, 3, *a.shape[:2])
+    top = (2 * ma * mb + 0.01**2) * (2 * (ab - ma * mb) + 0.03**2)
+    return (top / ((ma * ma + mb * mb + 0.01**2) * (aa - ma * ma + bb - mb * mb + 0.03**2))).mean()
 
 
-class CloneLargest:
-    """Clones the splats that the loss pulls most, and removes those that became transparent."""
-
-    def initialize_state(self, scene_scale: float) -> dict[str, Any]:
-        return {"norms": torch.zeros(0)}
-
-    def step_pre_backward(self, params: Any, optimizers: Any, state: Any, step: int, info: Any) -> None:
-        info["means2d"].retain_grad()
-
-    def step_post_backward(self, params: Any, optimizers: Any, state: Any, step: int, info: Any, packed: bool) -> None:
-        n = len(params["means"])
-        if len(state["norms"]) != n:
-            state["norms"] = torch.zeros(n)
-        state["norms"].index_add_(0, info["gaussian_ids"], info["means2d"].grad.norm(dim=-1))
-        if step == 0 or step % 100 or n >= MOST_SPLATS:
-            return
-        kept = torch.nonzero(torch.sigmoid(params["opacities"].detach()) > 0.005)[:, 0]
-        largest = torch.topk(state["norms"], min(n // 5, MOST_SPLATS - n)).indices
-        rows = torch.cat([kept, largest])
-        offset = torch.exp(params["scales"].detach()[largest]) * torch.randn(len(largest), 3)
-        for name, optimizer in optimizers.items():
-            old = params[name]
-            new = torch.nn.Parameter(old.detach()[rows].clone())
-            if name == "means":
-                new.data[len(kept) :] += offset
-            moments = optimizer.state.pop(old, {})
-            optimizer.state[new] = {key: value[rows].clone() if value.dim() else value for key, value in moments.items()}
-            optimizer.param_groups[0]["params"] = [new]
-            params[name] = new
-
-
-def main(path: str, output: str, steps: int) -> None:
+def main(path: str, output: str, steps: int, most: int) -> None:
     torch.manual_seed(0)
     dataset = luxel.Dataset.open(path)
-    views = [(view.image, *view.camera.to_opencv()) for view in dataset.train]
-    unit = float(np.mean([image.mean() for image, *_ in views]))
-    eyes = np.stack([np.linalg.inv(pose)[:3, 3] for _, pose, _ in views])
-    extent = float(np.linalg.norm(eyes - eyes.mean(0), axis=1).max())
-    params = initial(dataset, 10_000, extent)
-    optimizers = {name: torch.optim.Adam([value], lr=RATES[name] * (extent if name == "means" else 1.0)) for name, value in params.items()}
-    strategy = DefaultStrategy(refine_start_iter=200, refine_stop_iter=steps // 2) if DefaultStrategy else CloneLargest()
+    # Luxel's start: splats at the points, or in the volume that the cameras see, with the colours of the images.
+    scene = luxel.Training(dataset, steps=steps, max_splats=most, device="cpu").scene()
+    sh, degree = torch.from_numpy(scene.sh), int(np.sqrt(scene.sh.shape[1])) - 1
+    arrays = [scene.positions, scene.rotations, scene.log_scales, scene.opacity_logits, scene.raw_luminance]
+    values = dict(zip(["means", "quats", "scales", "opacities", "luminance"], map(torch.from_numpy, arrays)))
+    values |= {"dc": sh[:, :1].clone(), "rest": sh[:, 1:].clone()}
+    params = {name: torch.nn.Parameter(value) for name, value in values.items()}
+    cameras = [view.camera.to_opencv() for view in dataset.train]
+    viewmats = [torch.from_numpy(np.float32(pose @ scene.world_from_local))[None] for pose, _ in cameras]
+    Ks = [torch.from_numpy(np.float32(K))[None] for _, K in cameras]
+    targets = [tone(torch.from_numpy(view.image / np.float32(scene.radiance_scale))) for view in dataset.train]
+    eyes = torch.inverse(torch.cat(viewmats))[:, :3, 3]
+    extent = max(1.1 * (eyes - eyes.mean(0)).norm(dim=1).max().item(), (values["means"] - eyes.mean(0)).norm(dim=1).median().item())
+    optimizers = {name: torch.optim.Adam([value], lr=RATES[name], eps=1e-15) for name, value in params.items()}
+    strategy = DefaultStrategy(refine_start_iter=min(500, steps // 20), refine_stop_iter=steps // 2, reset_every=steps + 1)
     state = strategy.initialize_state(scene_scale=extent)
+    order, averaged = np.random.default_rng(0), max(1, int(AVERAGED * steps))
+    sums: dict[str, torch.Tensor] = {}
     for step in range(steps):
-        image, pose, K = views[np.random.default_rng(step).integers(len(views))]
-        viewmats, Ks = (torch.from_numpy(np.asarray(m, np.float32))[None] for m in (pose, K))
-        target = torch.from_numpy(np.array(image)) / unit
-        height, width = target.shape[:2]
-        colors = lcd_radiance(params["means"], viewmats, params["chroma"], params["luminance"])
-        found, _, info = rasterization(
-            params["means"], params["quats"], torch.exp(params["scales"]), torch.sigmoid(params["opacities"]),
-            colors, viewmats, Ks, width, height,
+        if step % len(targets) == 0:
+            shuffled = order.permutation(len(targets))
+        n, active = shuffled[step % len(targets)], min(degree, step // max(1, min(1000, steps // 10)))
+        optimizers["means"].param_groups[0]["lr"] = RATES["means"] * extent * 0.01 ** (step / steps)
+        sh = torch.cat([params["dc"], params["rest"]], 1)
+        colors = lcd_radiance(params["means"], viewmats[n], sh, params["luminance"], active_degree=active)
+        height, width = targets[n].shape[:2]
+        splats = params["quats"], torch.exp(params["scales"]), torch.sigmoid(params["opacities"])
+        images, _, info = rasterization(
+            params["means"], *splats, colors, viewmats[n], Ks[n], width, height, eps2d=0.1, rasterize_mode="antialiased"
         )
-        loss = (tone(found[0]) - tone(target)).abs().mean()
+        found = tone(images[0])
+        d = (found - targets[n]).abs()
+        loss = 0.4 * (d + d * d / (2 * KNEE)).mean() + 0.2 * (1 - ssim(found, targets[n]))
         strategy.step_pre_backward(params, optimizers, state, step, info)
         loss.backward()
         strategy.step_post_backward(params, optimizers, state, step, info, packed=True)
+        if len(params["means"]) > most:
+            strategy.refine_stop_iter = step
         for optimizer in optimizers.values():
             optimizer.step()
             optimizer.zero_grad(set_to_none=True)
+        if step >= steps - averaged:
+            sums = {name: sums.get(name, 0) + value.detach() for name, value in params.items()}
         if step % 100 == 0 or step + 1 == steps:
             print(f"step {step}: loss {loss.item():.4f}, {len(params['means'])} splats", flush=True)
-    arrays = {name: value.detach().numpy() for name, value in params.items()}
-    scene = luxel.Scene.from_arrays(
-        arrays["means"], arrays["quats"], arrays["scales"], arrays["opacities"], arrays["chroma"], arrays["luminance"],
-        color_model="lcd-c2-l0-softplus", radiance_scale=unit,
-    )
+    mean = {name: (value / averaged).numpy() for name, value in sums.items()}
+    shapes = {"positions": mean["means"], "rotations": mean["quats"], "log_scales": mean["scales"]}
+    scene.set(**shapes, opacity_logits=mean["opacities"], sh=np.hstack([mean["dc"], mean["rest"]]), raw_luminance=mean["luminance"])
     scene.save(output)
+    found = [luxel.metrics.compare(v.image, scene.render(v.camera), scale=scene.radiance_scale, hdr_flip=False) for v in dataset.test]
+    print(f"{len(scene)} splats, {np.mean([metrics['psnr_scene'] for metrics in found]):.2f} dB (scene) on the test views")
 
 
 if __name__ == "__main__":
-    if len(sys.argv) not in (3, 4):
+    if len(sys.argv) not in (3, 4, 5):
         sys.exit(__doc__)
-    main(sys.argv[1], sys.argv[2], int(sys.argv[3]) if len(sys.argv) == 4 else 1000)
+    steps, most = [int(argument) for argument in sys.argv[3:]] + [3000, 40_000][len(sys.argv) - 3 :]
+    main(sys.argv[1], sys.argv[2], steps, most)

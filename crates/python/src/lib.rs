@@ -19,6 +19,7 @@ mod names;
 mod observer;
 mod options;
 mod probe;
+mod raster_arrays;
 mod rasterization;
 mod scene;
 mod scene_arrays;

@@ -6,52 +6,26 @@
 
 use std::sync::Arc;
 
+use bytemuck::Pod;
 use luxel_core::engine::{
     AbsoluteMeans, ActivatedSplats, BlendGradient, BlendOptions, BlendedSplats, Channels, Differentiable, DirectionalColors,
-    EllipseGradient, MatrixCamera, PixelGradient, ProjectedSplats, ScreenEllipses,
+    EllipseGradient, MatrixCamera, PixelGradient, ProjectedSplats, ScreenEllipses, ShapeParameters,
 };
 use luxel_core::{ColorModel, EngineError};
 use luxel_cpu::CpuEngine;
-use numpy::{Element, IntoPyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use numpy::{Element, IntoPyArray, PyArrayDyn, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::color_model::PyColorModel;
 use crate::errors::invalid;
-
-/// An array that comes in.
-type Array<'py> = PyReadonlyArrayDyn<'py, f32>;
-/// An array that goes out.
-type OutArray<'py> = Bound<'py, PyArrayDyn<f32>>;
-
-/// Returns an array's numbers, which must be contiguous.
-fn numbers<'a>(name: &str, array: &'a Array<'_>) -> PyResult<&'a [f32]> {
-    array.as_slice().map_err(|_| invalid(format!("{name}: array is not contiguous; pass numpy.ascontiguousarray of it")))
-}
-
-/// Returns an array's rows of `N` numbers.
-fn rows<'a, const N: usize>(name: &str, array: &'a Array<'_>) -> PyResult<&'a [[f32; N]]> {
-    if array.shape().last() != Some(&N) {
-        return Err(invalid(format!("{name}: array of shape {:?}, expected [..., {N}]", array.shape())));
-    }
-    Ok(numbers(name, array)?.as_chunks().0)
-}
-
-/// Returns an array's flags, which must be contiguous.
-fn flags<'a>(array: Option<&'a PyReadonlyArrayDyn<'_, bool>>) -> PyResult<Option<&'a [bool]>> {
-    array.map(|array| array.as_slice()).transpose().map_err(|error| invalid(format!("visible: {error}")))
-}
+use crate::raster_arrays::{Array, OutArray, flags, lent, numbers, rows, shaped};
 
 fn raise(error: &EngineError) -> PyErr {
     match error.remedy() {
         Some(remedy) => invalid(format!("{error}; {remedy}")),
         None => invalid(error.to_string()),
     }
-}
-
-/// Returns numbers as an array of a shape.
-fn shaped<'py, T: Element>(py: Python<'py>, values: Vec<T>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
-    values.into_pyarray(py).reshape(shape.to_vec())
 }
 
 /// Rasterises splats with gradients on the threads of the processor.
@@ -113,8 +87,14 @@ impl PyRasterizer {
         let (ellipses, projected) = projected.map_err(|error| raise(&error))?;
         let is_visible: Vec<bool> = ellipses.radius_px.iter().map(|radius| *radius != [0; 2]).collect();
         let visible = packed.then(|| (0..is_visible.len()).filter(|i| is_visible[*i]).collect());
-        let projection =
-            PyProjection { projected, visible, cameras: cameras.len(), splats: splats.len(), size: [width as usize, height as usize] };
+        let projection = PyProjection {
+            engine: Arc::clone(&self.engine),
+            projected,
+            visible,
+            cameras: cameras.len(),
+            splats: splats.len(),
+            size: [width as usize, height as usize],
+        };
         let arrays = projection.arrays(py, ellipses)?;
         arrays.set_item("visible", shaped(py, is_visible, &[cameras.len(), splats.len()])?)?;
         Ok((projection, arrays))
@@ -138,7 +118,7 @@ impl PyRasterizer {
         let visible = flags(visible.as_ref())?;
         let colors = directional(&means, &eyes, &sh, &raw_luminance, visible, model.model()?, active_degree)?;
         let values = py.detach(|| self.engine.colors(&colors)).map_err(|error| raise(&error))?;
-        shaped(py, values.into_flattened(), &[colors.eye.len(), colors.position.len(), 3])
+        lent(py, &self.engine, values.into_flattened(), &[colors.eye.len(), colors.position.len(), 3])
     }
 
     /// Returns the gradients by means, eyes, harmonics and raw luminance from that by the colours.
@@ -161,10 +141,10 @@ impl PyRasterizer {
         let gradient = rows("gradient", &gradient)?;
         let found = py.detach(|| self.engine.colors_backward(&colors, gradient)).map_err(|error| raise(&error))?;
         Ok([
-            shaped(py, found.position.into_flattened(), means.shape())?,
+            lent(py, &self.engine, found.position.into_flattened(), means.shape())?,
             shaped(py, found.eye.into_flattened(), eyes.shape())?,
-            shaped(py, found.sh, sh.shape())?,
-            shaped(py, found.raw_luminance, raw_luminance.shape())?,
+            lent(py, &self.engine, found.sh, sh.shape())?,
+            lent(py, &self.engine, found.raw_luminance, raw_luminance.shape())?,
         ])
     }
 }
@@ -216,6 +196,7 @@ fn cameras(viewmats: &[f32], ks: &[f32]) -> PyResult<Vec<MatrixCamera>> {
 /// Splats on the screens of cameras.
 #[pyclass(module = "luxel._luxel", name = "Projection", frozen)]
 pub(crate) struct PyProjection {
+    engine: Arc<CpuEngine>,
     projected: Box<dyn ProjectedSplats>,
     /// Places of the visible splats among all, if arrays are packed.
     visible: Option<Vec<usize>>,
@@ -233,12 +214,32 @@ impl PyProjection {
         }
     }
 
-    /// Returns the rows of visible splats if arrays are packed, else all.
-    fn pack<T: Copy>(&self, all: Vec<T>) -> Vec<T> {
+    /// Returns the rows of visible splats if arrays are packed, else all, as an array.
+    fn packed<'py, T: Element + Pod, const N: usize>(
+        &self,
+        py: Python<'py>,
+        all: Vec<[T; N]>,
+        rest: &[usize],
+    ) -> PyResult<Bound<'py, PyArrayDyn<T>>>
+    where
+        [T; N]: Pod,
+    {
+        let shape = self.shape(rest);
         match &self.visible {
-            Some(visible) => visible.iter().map(|i| all[*i]).collect(),
-            None => all,
+            Some(visible) => {
+                let rows: Vec<[T; N]> = visible.iter().map(|i| all[*i]).collect();
+                if let Ok(numbers) = bytemuck::allocation::try_cast_vec(all.into_flattened()) {
+                    self.engine.recycle(numbers);
+                }
+                shaped(py, rows.into_flattened(), &shape)
+            }
+            None => lent(py, &self.engine, all.into_flattened(), &shape),
         }
+    }
+
+    /// Returns numbers of visible splats if arrays are packed, else all, as an array.
+    fn packed_numbers<'py>(&self, py: Python<'py>, all: Vec<f32>) -> PyResult<OutArray<'py>> {
+        self.packed(py, bytemuck::allocation::cast_vec::<f32, [f32; 1]>(all), &[])
     }
 
     /// Returns rows at their places among all.
@@ -254,12 +255,12 @@ impl PyProjection {
 
     fn arrays<'py>(&self, py: Python<'py>, ellipses: ScreenEllipses) -> PyResult<Bound<'py, PyDict>> {
         let arrays = PyDict::new(py);
-        arrays.set_item("means2d", shaped(py, self.pack(ellipses.mean_px).into_flattened(), &self.shape(&[2]))?)?;
-        arrays.set_item("covars2d", shaped(py, self.pack(ellipses.covariance_px2).into_flattened(), &self.shape(&[3]))?)?;
-        arrays.set_item("conics", shaped(py, self.pack(ellipses.conic).into_flattened(), &self.shape(&[3]))?)?;
-        arrays.set_item("depths", shaped(py, self.pack(ellipses.depth), &self.shape(&[]))?)?;
-        arrays.set_item("opacities", shaped(py, self.pack(ellipses.opacity), &self.shape(&[]))?)?;
-        arrays.set_item("radii", shaped(py, self.pack(ellipses.radius_px).into_flattened(), &self.shape(&[2]))?)?;
+        arrays.set_item("means2d", self.packed(py, ellipses.mean_px, &[2])?)?;
+        arrays.set_item("covars2d", self.packed(py, ellipses.covariance_px2, &[3])?)?;
+        arrays.set_item("conics", self.packed(py, ellipses.conic, &[3])?)?;
+        arrays.set_item("depths", self.packed_numbers(py, ellipses.depth)?)?;
+        arrays.set_item("opacities", self.packed_numbers(py, ellipses.opacity)?)?;
+        arrays.set_item("radii", self.packed(py, ellipses.radius_px, &[2])?)?;
         if let Some(visible) = &self.visible {
             let of_splat = |index: fn(usize, usize) -> usize| visible.iter().map(|i| index(*i, self.splats) as i64).collect::<Vec<_>>();
             arrays.set_item("camera_ids", of_splat(|i, n| i / n).into_pyarray(py))?;
@@ -287,12 +288,15 @@ impl PyProjection {
         let [width, height] = this.size;
         let shape = [this.cameras, height, width, count];
         let blending = PyBlending { blended, projection: slf.clone().unbind(), channels: channels.shape().to_vec(), count };
-        Ok((blending, shaped(py, pixels.channels, &shape)?, shaped(py, pixels.alpha, &[this.cameras, height, width, 1])?))
+        let images = lent(py, &this.engine, pixels.channels, &shape)?;
+        Ok((blending, images, lent(py, &this.engine, pixels.alpha, &[this.cameras, height, width, 1])?))
     }
 
-    /// Returns the gradients by means, quaternions, scales, opacities and viewmats from those by
-    /// the projection's arrays, in their layout.
-    #[pyo3(signature = (means2d = None, covars2d = None, conics = None, depths = None, opacities = None))]
+    /// Returns the gradients by means, quaternions, scales, covariances, opacities and viewmats
+    /// from those by the projection's arrays, in their layout. Covariances are those in the world,
+    /// xx, xy, xz, yy, yz, zz; either they or quaternions and scales are None.
+    #[pyo3(signature = (means2d = None, covars2d = None, conics = None, depths = None, opacities = None, *, by_covariance = false))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
     fn backward<'py>(
         &self,
         py: Python<'py>,
@@ -301,7 +305,8 @@ impl PyProjection {
         conics: Option<Array<'py>>,
         depths: Option<Array<'py>>,
         opacities: Option<Array<'py>>,
-    ) -> PyResult<[OutArray<'py>; 5]> {
+        by_covariance: bool,
+    ) -> PyResult<[Option<OutArray<'py>>; 6]> {
         let means2d = means2d.as_ref().map(|array| rows::<2>("means2d", array)).transpose()?;
         let covars2d = covars2d.as_ref().map(|array| rows::<3>("covars2d", array)).transpose()?;
         let conics = conics.as_ref().map(|array| rows::<3>("conics", array)).transpose()?;
@@ -318,6 +323,7 @@ impl PyProjection {
             conic: all_conics.as_deref().or(conics),
             depth: all_depths.as_deref().or(depths),
             opacity: all_opacities.as_deref().or(opacities),
+            shape: if by_covariance { ShapeParameters::Covariance } else { ShapeParameters::RotationAndScale },
         };
         let found = py.detach(|| self.projected.backward(&gradient)).map_err(|error| raise(&error))?;
         let mut viewmats = Vec::new();
@@ -328,11 +334,12 @@ impl PyProjection {
         }
         let n = self.splats;
         Ok([
-            shaped(py, found.position.into_flattened(), &[n, 3])?,
-            shaped(py, found.rotation.into_flattened(), &[n, 4])?,
-            shaped(py, found.scale.into_flattened(), &[n, 3])?,
-            shaped(py, found.opacity, &[n])?,
-            shaped(py, viewmats, &[self.cameras, 4, 4])?,
+            Some(lent(py, &self.engine, found.position.into_flattened(), &[n, 3])?),
+            (!by_covariance).then(|| lent(py, &self.engine, found.rotation.into_flattened(), &[n, 4])).transpose()?,
+            (!by_covariance).then(|| lent(py, &self.engine, found.scale.into_flattened(), &[n, 3])).transpose()?,
+            by_covariance.then(|| lent(py, &self.engine, found.covariance.into_flattened(), &[n, 6])).transpose()?,
+            Some(lent(py, &self.engine, found.opacity, &[n])?),
+            Some(shaped(py, viewmats, &[self.cameras, 4, 4])?),
         ])
     }
 }
@@ -349,8 +356,9 @@ pub(crate) struct PyBlending {
 
 #[pymethods]
 impl PyBlending {
-    /// Returns the gradients by means2d, covars2d, opacities, channels and background, and the
-    /// absolute ones by means2d or None, from those by images and alpha.
+    /// Returns the gradients by `means2d`, `covars2d`, `opacities`, `channels`, `background` if
+    /// there was one, and the absolute ones by means2d as `absgrad` if wanted, from those by images
+    /// and alpha.
     #[pyo3(signature = (images, alpha = None, *, absolute = false))]
     fn backward<'py>(
         &self,
@@ -369,13 +377,15 @@ impl PyBlending {
         let BlendGradient { mean_px, covariance_px2, opacity, channels, background, absolute_mean_px } = found;
         let projection = self.projection.get();
         let arrays = PyDict::new(py);
-        arrays.set_item("means2d", shaped(py, projection.pack(mean_px).into_flattened(), &projection.shape(&[2]))?)?;
-        arrays.set_item("covars2d", shaped(py, projection.pack(covariance_px2).into_flattened(), &projection.shape(&[3]))?)?;
-        arrays.set_item("opacities", shaped(py, projection.pack(opacity), &projection.shape(&[]))?)?;
-        arrays.set_item("channels", shaped(py, channels, &self.channels)?)?;
-        arrays.set_item("background", shaped(py, background, &[projection.cameras, self.count])?)?;
+        arrays.set_item("means2d", projection.packed(py, mean_px, &[2])?)?;
+        arrays.set_item("covars2d", projection.packed(py, covariance_px2, &[3])?)?;
+        arrays.set_item("opacities", projection.packed_numbers(py, opacity)?)?;
+        arrays.set_item("channels", lent(py, &projection.engine, channels, &self.channels)?)?;
+        if !background.is_empty() {
+            arrays.set_item("background", shaped(py, background, &[projection.cameras, self.count])?)?;
+        }
         if absolute {
-            arrays.set_item("absgrad", shaped(py, projection.pack(absolute_mean_px).into_flattened(), &projection.shape(&[2]))?)?;
+            arrays.set_item("absgrad", projection.packed(py, absolute_mean_px, &[2])?)?;
         }
         Ok(arrays)
     }

@@ -1,6 +1,6 @@
 //! The numbers of splats as arrays.
 
-use luxel_core::{Activation, ColorModel, Splats, SplatsError};
+use luxel_core::{Activation, ColorModel, MAX_LIGHTS, Mix, Splats, SplatsError};
 use numpy::{IntoPyArray, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 
@@ -84,8 +84,18 @@ fn message(error: SplatsError) -> String {
 }
 
 /// Returns the colour model of this name, as scene files and reports name it: `sh3`, `lcd`,
-/// `lcd-c2-l1-exp`.
+/// `lcd-c2-l1-exp`, and with `+` between them for a mix of lights.
 pub(crate) fn color_model(name: &str) -> PyResult<ColorModel> {
+    if !name.contains('+') {
+        return color_model_of_light(name);
+    }
+    let lights: Vec<ColorModel> = name.split('+').map(color_model_of_light).collect::<PyResult<_>>()?;
+    let count = lights.len();
+    let mix = Mix::new(lights).map(ColorModel::Mix);
+    mix.ok_or_else(|| invalid(format!("color_model: found {count} lights, expected at most {MAX_LIGHTS}")))
+}
+
+fn color_model_of_light(name: &str) -> PyResult<ColorModel> {
     let unknown = || invalid(format!("color_model: found {name:?}, expected \"sh0\" to \"sh5\", \"lcd\" or \"lcd-c3-l0-softplus\""));
     let degree = |text: &str| text.parse::<u8>().map_err(|_| unknown());
     let mut parts = name.split('-');

@@ -86,3 +86,29 @@ def render(path: Path) -> np.ndarray:
     loaded = bpy.data.images.load(str(path))
     width, height = loaded.size
     return np.array(loaded.pixels[:], np.float32).reshape(height, width, 4)[::-1]
+
+
+def test_depth_is_a_surface_that_hides_what_is_behind_it(tmp_path: Path) -> None:
+    turn, there = luxel_blender.blender_from_world(TURN), camera()
+    eye = luxel_blender.place_camera(there.to_opengl().tolist(), there.K.tolist(), there.width, there.height, turn)
+    bpy.context.view_layer.update()
+    # A wall at 3 on the left half, nothing on the right.
+    depth = np.full((48, 64), 1e10, np.float32)
+    depth[:, :32] = 3.0
+    rng = np.random.default_rng(1)
+    depth[:, :32] += 0.01 * rng.random((48, 32), np.float32)
+    luxel.write_exr(tmp_path / "wall.exr", np.ones((48, 64, 3), np.float32), depth=depth, alpha=np.ones((48, 64), np.float32))
+    assert np.array_equal(luxel_blender.read_depth(tmp_path / "wall.exr"), depth)
+    wall = luxel_blender.add_depth(tmp_path / "wall.exr", step=1)
+    back = np.array(turn.inverted())
+    world = np.array([back @ np.array(wall.matrix_world @ vertex.co) for vertex in wall.data.vertices])
+    pixels, distance = there.project(world)
+    assert len(world) == 48 * 32 and len(wall.data.polygons) == 47 * 31
+    y, x = (pixels[:, 1] - 0.5).round().astype(int), (pixels[:, 0] - 0.5).round().astype(int)
+    np.testing.assert_allclose(pixels, np.stack([x, y], -1) + 0.5, atol=1e-3)
+    np.testing.assert_allclose(distance, depth[y, x], rtol=1e-5)
+    # A large ball behind the wall is seen on the right alone.
+    bpy.ops.mesh.primitive_uv_sphere_add(radius=2.0, location=eye.matrix_world @ luxel_blender.Vector((0.0, 0.0, -6.0)))
+    bpy.context.scene.render.film_transparent = True
+    coverage = render(tmp_path / "ball.exr")[..., 3]
+    assert coverage[10:38, :30].max() < 0.5 and coverage[20:28, 35:40].min() > 0.5

@@ -277,10 +277,11 @@ def test_arguments_that_are_not_supported_are_refused():
     call = lambda **changes: rasterization(**dict(start, **changes), width=9, height=8)  # noqa: E731
     messages = {
         "rasterization: distributed is not supported on the CPU; leave it at its default": dict(distributed=True),
-        "rasterization: sparse_grad is not supported on the CPU; leave it at its default": dict(sparse_grad=True),
+        "sparse_grad: needs packed=True": dict(sparse_grad=True, packed=False),
         "rasterization: camera_model 'fisheye' is not supported on the CPU; leave it at its default": dict(camera_model="fisheye"),
         "rasterization: with_ut is not supported on the CPU; leave it at its default": dict(with_ut=True),
-        "rasterization: covars is not supported on the CPU; leave it at its default": dict(covars=torch.zeros(25, 3, 3)),
+        "covars: tensor of shape [25, 6], expected [25, 3, 3]": dict(covars=torch.zeros(25, 6)),
+        "quats: tensor of shape [25, 4], expected [1, 25, 4]": dict(means=start["means"][None], viewmats=start["viewmats"][None]),
         "render_mode: expected one of RGB, D, ED, RGB+D, RGB+ED, found 'N'": dict(render_mode="N"),
         'rasterize_mode: expected "classic" or "antialiased", found \'mip\'': dict(rasterize_mode="mip"),
         "means: expected float32, found torch.float64; call .float()": dict(means=start["means"].double()),

@@ -11,7 +11,7 @@ mod range;
 mod spec;
 mod validate;
 
-pub use choices::{BatchRule, CutoffPreset, ExposureCompensation, Method, NamedChoice, Preset, ScaleRule, Strategy};
+pub use choices::{BatchRule, CutoffPreset, ExposureCompensation, Freeze, Method, NamedChoice, Preset, ScaleRule, Strategy};
 pub use options::{OPTIONS, TrainConfig};
 pub use range::Range;
 pub use spec::{Condition, OptionSpec, ValueHelp};

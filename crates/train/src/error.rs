@@ -27,6 +27,22 @@ pub enum TrainError {
         /// The remedy: make the choice, or leave the option out.
         remedy: Remedy,
     },
+    /// An option asks for a scene to start from.
+    #[error("freeze: {reason}")]
+    NeedsScene {
+        /// The reason.
+        reason: String,
+        /// How one is given.
+        remedy: Remedy,
+    },
+    /// The scene to start from does not go with the data set or the options.
+    #[error("the scene to start from: {reason}")]
+    Scene {
+        /// The property found and the one expected.
+        reason: String,
+        /// Advice, if there is any but another scene.
+        remedy: Option<Remedy>,
+    },
     /// The data set has nothing to train on.
     #[error("the data set has no training views; check its split")]
     NoTrainViews,
@@ -128,7 +144,8 @@ impl TrainError {
         match self {
             Self::Engine(error) => error.remedy(),
             Self::Read(error) => error.remedy.as_ref(),
-            Self::Misplaced { remedy, .. } => Some(remedy),
+            Self::Misplaced { remedy, .. } | Self::NeedsScene { remedy, .. } => Some(remedy),
+            Self::Scene { remedy, .. } => remedy.as_ref(),
             Self::AllBlack => Some(&ALL_BLACK),
             Self::MixedValues { .. } => Some(&MIXED_VALUES),
             Self::NotFinite { .. } => Some(&NOT_FINITE),

@@ -26,6 +26,7 @@ mod resolution;
 mod scale;
 mod schedule;
 mod smoothing;
+mod start_views;
 mod state;
 #[cfg(test)]
 mod testing;
@@ -35,18 +36,17 @@ mod views;
 mod vignetting;
 
 pub use config::{
-    BatchRule, Condition, CutoffPreset, ExposureCompensation, MAX_BATCH, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS, Method, Misplaced, NamedChoice,
-    OPTIONS, OptionSpec, Preset, Range, ScaleRule, Strategy, TrainConfig, ValueHelp, parse_rgb,
+    BatchRule, Condition, CutoffPreset, ExposureCompensation, Freeze, MAX_BATCH, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS, Method, Misplaced,
+    NamedChoice, OPTIONS, OptionSpec, Preset, Range, ScaleRule, Strategy, TrainConfig, ValueHelp, parse_rgb,
 };
 pub use contribution::add_contribution;
 pub use error::TrainError;
-pub use init::initialise;
+pub use init::{Initial, first_colors_bytes, initialise};
 pub use neighbourhood::Neighbourhood;
 pub use pixel_weights::NoiseChoice;
 pub use poses::{ALIGNMENT_STEPS, AlignmentScene, PoseChange, PoseReport, align_camera, pose_change};
 pub use reduce::RankViews;
 pub use resolution::{ResolutionSchedule, Stage};
-pub use scale::choose_radiance_scale;
 pub use schedule::{ABSGRAD_OPACITY_CAP, RESET_OPACITY, Schedule};
 pub use smoothing::smoothing;
 pub use state::{snapshot_response, snapshot_vignetting};

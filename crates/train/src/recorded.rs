@@ -6,14 +6,8 @@
 //! That radiance determines the scale and the colours of the first splats; the loss never compares
 //! with it.
 
-use std::sync::Arc;
-
 use luxel_core::response::{BLACK, SATURATED};
-use luxel_core::{
-    Dataset, Image, Knots, Mask, OnDemand, PixelValues, RadianceScale, ReadError, Response, Source, ToneCurve, View, unreadable_image,
-    unreadable_mask,
-};
-use rayon::prelude::*;
+use luxel_core::{Knots, Mask, PixelValues, RadianceScale, Response, ToneCurve, View};
 
 use crate::TrainError;
 use crate::camera_response::exposure_of;
@@ -46,80 +40,30 @@ pub(crate) fn radiance_of(value: f32, channel: usize, knots: &Knots, exposure_s:
     is_between.then(|| (Response::exposure_at(&knots[channel], value) / f64::from(exposure_s)) as f32)
 }
 
-/// Returns the data set with its captured training views as radiance. Pixels that are black or
-/// saturated in any channel are masked.
-pub(crate) fn as_radiance(dataset: &Dataset, knots: &Knots) -> Dataset {
-    let convert = |view: &View| match exposure_of(view) {
-        None => view.clone(),
-        Some(exposure_s) if view.is_in_memory() => radiance_view(view, exposure_s, knots),
-        Some(exposure_s) => {
-            let source = Arc::new(AsRadiance { view: view.clone(), exposure_s, knots: *knots });
-            let (image, mask) = (OnDemand::from_source(source.clone()), OnDemand::from_source(source));
-            View { image, values: PixelValues::Radiance, mask: Some(mask), ..view.clone() }
-        }
-    };
-    Dataset { train: dataset.train.par_iter().map(convert).collect(), ..dataset.clone() }
-}
-
-fn radiance_view(view: &View, exposure_s: f32, knots: &Knots) -> View {
-    let mut mask = Mask { weights: vec![0.0; view.image.pixels.len()] };
-    let mut image = Image::filled(view.image.width, view.image.height, [0.0; 3]);
-    for (i, (pixel, weight)) in image.pixels.iter_mut().zip(&mut mask.weights).enumerate().filter(|(i, _)| view.is_valid(*i)) {
-        let [r, g, b] = [0, 1, 2].map(|c| radiance_of(view.image.pixels[i][c], c, knots, exposure_s));
-        if let (Some(r), Some(g), Some(b)) = (r, g, b) {
-            (*pixel, *weight) = ([r, g, b], 1.0);
-        }
+/// Returns a captured view as radiance, in the memory of its image where nothing shares that.
+/// Pixels that are black or saturated in any channel are masked.
+pub(crate) fn radiance_view(view: View, exposure_s: f32, knots: &Knots) -> View {
+    let (mut image, given) = (view.image.into_value(), view.mask);
+    let mut mask = Mask { weights: vec![0.0; image.pixels.len()] };
+    for (i, (pixel, weight)) in image.pixels.iter_mut().zip(&mut mask.weights).enumerate() {
+        let is_valid = given.as_deref().is_none_or(|given| given.is_valid(i));
+        let rgb = [0, 1, 2].map(|c| radiance_of(pixel[c], c, knots, exposure_s));
+        (*pixel, *weight) = match rgb {
+            [Some(r), Some(g), Some(b)] if is_valid => ([r, g, b], 1.0),
+            _ => ([0.0; 3], 0.0),
+        };
     }
-    View { image: image.into(), values: PixelValues::Radiance, mask: Some(mask.into()), ..view.clone() }
-}
-
-/// A captured view that is read as radiance each time.
-#[derive(Debug)]
-struct AsRadiance {
-    view: View,
-    exposure_s: f32,
-    knots: Knots,
-}
-
-impl AsRadiance {
-    fn radiance(&self) -> Result<View, ReadError> {
-        Ok(radiance_view(&self.view.loaded()?, self.exposure_s, &self.knots))
-    }
-
-    fn size(&self) -> [usize; 2] {
-        self.view.camera.size_px.map(|side| side as usize)
-    }
-}
-
-impl Source<Image> for AsRadiance {
-    fn read(&self) -> Result<Image, ReadError> {
-        Ok(self.radiance()?.image.into_value())
-    }
-
-    fn stand_in(&self) -> Image {
-        let [width, height] = self.size();
-        unreadable_image(width, height)
-    }
-}
-
-impl Source<Mask> for AsRadiance {
-    fn read(&self) -> Result<Mask, ReadError> {
-        Ok(self.radiance()?.mask.map_or_else(|| self.stand_in(), OnDemand::into_value))
-    }
-
-    fn stand_in(&self) -> Mask {
-        let [width, height] = self.size();
-        unreadable_mask(width * height)
-    }
+    View { image: image.into(), values: PixelValues::Radiance, mask: Some(mask.into()), ..view }
 }
 
 #[cfg(test)]
 mod tests {
+    use luxel_core::Image;
     use luxel_metrics::render_as_captured;
 
     use super::*;
     use crate::camera_response::CameraResponse;
-    use crate::testing::{camera_at, dataset_of, view_of};
+    use crate::testing::{camera_at, view_of};
 
     fn exposed(exposure_s: f32, values: Vec<[f32; 3]>) -> View {
         let view = view_of("a", camera_at([0.0; 3], [values.len() as u32, 1]), Image::from_pixels(values.len(), 1, values).unwrap());
@@ -130,24 +74,12 @@ mod tests {
     fn recorded_radiance_comes_back_where_it_is_neither_black_nor_saturated() {
         let knots = CameraResponse::new(0.5, &[]).knots();
         let view = exposed(0.25, vec![[0.5; 3], [0.0, 0.5, 0.5], [0.5, 1.0, 0.5]]);
-        let radiance = &as_radiance(&dataset_of(vec![view]), &knots).train[0];
+        let radiance = radiance_view(view, 0.25, &knots);
         // 0.5 is the value of the unit exposure, which here takes a quarter of a second: radiance
         // 4.
         assert!(radiance.image.pixels[0].iter().all(|v| (v - 4.0).abs() < 1e-3), "{:?}", radiance.image.pixels[0]);
         assert_eq!(radiance.mask.as_ref().unwrap().weights, [1.0, 0.0, 0.0]);
         assert_eq!(radiance.values, PixelValues::Radiance);
-    }
-
-    #[test]
-    fn captured_views_on_demand_become_the_same_radiance() {
-        let knots = CameraResponse::new(0.5, &[]).knots();
-        let now = exposed(0.25, vec![[0.5; 3], [0.0, 0.5, 0.5], [0.2, 0.3, 0.4]]);
-        let later = crate::testing::on_demand(&now);
-        let [now, later] = [now, later].map(|view| as_radiance(&dataset_of(vec![view]), &knots).train.remove(0));
-        assert!(!later.is_in_memory());
-        let loaded = later.loaded().unwrap();
-        assert_eq!((&loaded.image, &loaded.mask), (&now.image, &now.mask));
-        assert!(!later.is_in_memory());
     }
 
     #[test]

@@ -3,7 +3,8 @@
 //! In: the configuration, the number of steps that the run was planned for, and the scene's extent
 //! (world units). Out: the learning rates, the active degree and the densification rounds of a step
 //! (1 for the first). Source: Kerbl et al. 2023; 3DGS-MCMC (Kheradmand et al. 2024). Beyond the
-//! planned end all rates keep their final values. The averaged steps lie before the current end,
+//! planned end all rates keep their final values. A run of frozen geometry densifies nothing, and
+//! its rates of geometry and opacity are 0. The averaged steps lie before the current end,
 //! which may differ from the planned one.
 //!
 //! Published schedules are for 30000 steps. In shorter runs the end of densification and all decays
@@ -87,7 +88,8 @@ impl Schedule {
     pub fn new(config: &TrainConfig, iterations: u32, extent: f32) -> Self {
         let is_adc = config.strategy == Strategy::Adc;
         let default_until = if is_adc { iterations / 2 } else { (u64::from(iterations) * 5 / 6) as u32 };
-        let densify_until = config.densify_until.unwrap_or(default_until);
+        let is_frozen = config.freezes_geometry();
+        let densify_until = if is_frozen { 0 } else { config.densify_until.unwrap_or(default_until) };
         let sampled_steps = (f64::from(iterations) * f64::from(config.samples_share)).round() as u32;
         let end = config.iterations;
         let (batch, views) = (config.batch.max(1), iterations.saturating_mul(config.batch.max(1)));
@@ -102,8 +104,8 @@ impl Schedule {
             densify_from: config.densify_from.unwrap_or(steps_of((views / 20).min(500))),
             densify_until,
             densify_interval: steps_of(config.densify_interval.max(1)),
-            reset_interval: (is_adc && config.opacity_reset_interval > 0).then_some(steps_of(config.opacity_reset_interval)),
-            reduces_opacity: is_adc && config.absgrad,
+            reset_interval: (is_adc && !is_frozen && config.opacity_reset_interval > 0).then_some(steps_of(config.opacity_reset_interval)),
+            reduces_opacity: is_adc && !is_frozen && config.absgrad,
             samples: (config.samples, iterations.saturating_sub(sampled_steps) + 1),
             poses: config.refine_poses.then(|| pose_steps(config, iterations)),
             averaged_steps: averaged_steps.min(end.saturating_sub(densify_until)),
@@ -124,6 +126,13 @@ impl Schedule {
     pub fn samples(&self, step: u32) -> u8 {
         let (samples, first) = self.samples;
         if step < first { 1 } else { samples }
+    }
+
+    /// Returns the fraction of the splats that `step` leaves out, if any: it rises linearly from 0,
+    /// and stays at `dropout` where a run goes on beyond its planned end.
+    pub fn dropout_rate(&self, config: &TrainConfig, step: u32) -> Option<f32> {
+        let rate = config.dropout * (step as f32 / self.iterations.max(1) as f32).min(1.0);
+        (rate > 0.0).then_some(rate)
     }
 
     /// Returns whether `step` collects statistics for densification.
@@ -212,7 +221,7 @@ impl Schedule {
         let decayed = |first: f32, last: Option<f32>| last.map_or(first, |last| log_linear(first, last, progress));
         let sh = decayed(config.sh_lr, config.sh_lr_final);
         let luminance = decayed(config.luminance_lr, config.luminance_lr_final);
-        LearningRates {
+        let rates = LearningRates {
             position: log_linear(config.position_lr, config.position_lr_final, progress) * self.extent,
             rotation: config.rotation_lr,
             log_scale: decayed(config.scale_lr, config.scale_lr_final),
@@ -221,6 +230,12 @@ impl Schedule {
             sh_rest: sh / REST_LR_DIVISOR,
             luminance_dc: luminance,
             luminance_rest: luminance / REST_LR_DIVISOR,
+        };
+        // Engines leave parameters with a rate of 0 as they are, to the bit.
+        if config.freezes_geometry() {
+            LearningRates { position: 0.0, rotation: 0.0, log_scale: 0.0, opacity_logit: 0.0, ..rates }
+        } else {
+            rates
         }
     }
 }

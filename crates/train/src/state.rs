@@ -21,6 +21,8 @@ const VERSION: u32 = 2;
 
 /// Constant that separates the random stream of crops from others of the same seed.
 const CROP_STREAM: u64 = 0x6c75_7865_6c02;
+/// Constant that separates the random stream of dropout from others of the same seed.
+const DROPOUT_STREAM: u64 = 0x6c75_7865_6c03;
 /// Factor that separates the streams of slots: the golden ratio in 64 bits.
 const SLOT_STREAM: u64 = 0x9e37_79b9_7f4a_7c15;
 
@@ -125,6 +127,12 @@ impl State {
         let stream = CROP_STREAM ^ (slot as u64).wrapping_mul(SLOT_STREAM);
         let seed = || Pcg64Mcg::seed_from_u64(self.config.seed ^ (u64::from(step) << 32) ^ stream).random();
         self.config.crop.map(|side_px| Crop { side_px, seed: seed() })
+    }
+
+    /// Returns the seed of the splats that `step` leaves out, which depends on the run's seed and
+    /// the step alone.
+    pub(crate) fn dropout_seed(&self, step: u32) -> u32 {
+        Pcg64Mcg::seed_from_u64(self.config.seed ^ (u64::from(step) << 32) ^ DROPOUT_STREAM).random()
     }
 
     pub(crate) fn to_json(&self) -> Result<String, TrainError> {

@@ -15,12 +15,13 @@ mod batch;
 mod densify;
 mod health;
 mod poses;
+mod scene_start;
 mod start;
 mod vignetting;
 
 use std::collections::VecDeque;
 
-use luxel_core::engine::{PositionNoise, StepConfig};
+use luxel_core::engine::{Dropout, PositionNoise, StepConfig};
 use luxel_core::{
     ColorSpace, Engine, Exchange, Knots, Moments, RadianceScale, RasterConfig, RenderOptions, Scene, Similarity, Snapshot, StepReport,
 };
@@ -218,7 +219,7 @@ impl Trainer {
         let config = &self.state.config;
         let (factor, betas) = rates_of_batch(config);
         let learning_rates = scaled(self.schedule.learning_rates(config, step), factor);
-        let is_mcmc = config.strategy == Strategy::Mcmc;
+        let has_noise = config.strategy == Strategy::Mcmc && !config.freezes_geometry();
         let noise = PositionNoise { scale: config.mcmc_noise * learning_rates.position, seed: self.state.noise_seed(step) };
         StepConfig {
             step,
@@ -226,7 +227,8 @@ impl Trainer {
             loss: config.loss_weights(),
             learning_rates,
             betas,
-            position_noise: is_mcmc.then_some(noise),
+            position_noise: has_noise.then_some(noise),
+            dropout: self.schedule.dropout_rate(config, step).map(|rate| Dropout { rate, seed: self.state.dropout_seed(step) }),
             stats: self.stats_of(step),
             camera_gradient: self.camera_gradient_of(step),
         }

@@ -8,8 +8,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use common::{config, dataset, engine};
-use luxel_core::{Dataset, Image, Mask, NoiseModel, OnDemand, PixelValues, ReadError, Scene, Source, View, unreadable_image};
-use luxel_train::{ExposureCompensation, NoiseChoice, TrainConfig, TrainError, Trainer};
+use luxel_core::{Dataset, Image, Mask, NoiseModel, Observation, OnDemand, PixelValues, ReadError, Scene, Source, View, unreadable_image};
+use luxel_train::{ExposureCompensation, NoiseChoice, ScaleRule, TrainConfig, TrainError, Trainer};
 
 /// An image that is copied each time it is read, until a number of reads.
 #[derive(Debug)]
@@ -26,6 +26,27 @@ impl Source<Image> for Copied {
         } else {
             Err(ReadError { message: "images/3.exr: gone".into(), remedy: None })
         }
+    }
+
+    fn stand_in(&self) -> Image {
+        unreadable_image(self.image.width, self.image.height)
+    }
+}
+
+/// An image of which is known how many are being read at the same time.
+#[derive(Debug)]
+struct Watched {
+    image: Image,
+    now: Arc<AtomicUsize>,
+    most: Arc<AtomicUsize>,
+}
+
+impl Source<Image> for Watched {
+    fn read(&self) -> Result<Image, ReadError> {
+        self.most.fetch_max(self.now.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
+        let image = self.image.clone();
+        self.now.fetch_sub(1, Ordering::SeqCst);
+        Ok(image)
     }
 
     fn stand_in(&self) -> Image {
@@ -108,6 +129,46 @@ fn an_image_that_is_gone_stops_the_run_with_its_name() {
     let error = (0..40).find_map(|_| trainer.step().err()).unwrap();
     assert!(matches!(&error, TrainError::Read(_)), "{error}");
     assert_eq!(error.to_string(), "images/3.exr: gone");
+}
+
+#[test]
+fn the_start_reads_each_image_once_whatever_it_has_to_know() {
+    let mut captured = dataset();
+    for view in &mut captured.train {
+        view.image = Image::filled(view.image.width, view.image.height, [0.4, 0.5, 0.6]).into();
+        view.values = PixelValues::Recorded { exposure_s: 0.5 };
+    }
+    let mut with_tracks = dataset();
+    for point in &mut with_tracks.points {
+        point.observations = vec![Observation { view: 1, pixel_px: [20.0, 30.0] }, Observation { view: 4, pixel_px: [7.0, 9.0] }];
+    }
+    let without_points = Dataset { points: Vec::new(), ..dataset() };
+    for data in [dataset(), with_tracks, without_points, captured] {
+        for (rule, scale) in [(ScaleRule::Median20, None), (ScaleRule::Max, None), (ScaleRule::Raw, None), (ScaleRule::P99, Some(2.0))] {
+            let config = TrainConfig { scale_rule: rule, radiance_scale: scale, ..config(8) };
+            let first = |data: &Dataset| Trainer::new(data, config.clone(), engine()).unwrap().scene().unwrap();
+            let in_memory = first(&data);
+            for readers in [1, 2, 5] {
+                let (later, reads) = on_demand(&data, usize::MAX);
+                let later = Dataset { readers, ..later };
+                assert!(first(&later) == in_memory, "{rule:?} {readers}");
+                assert_eq!(reads.load(Ordering::Relaxed), data.train.len(), "{rule:?} {readers}");
+            }
+        }
+    }
+}
+
+#[test]
+fn no_more_images_than_there_is_room_for_are_in_memory_at_the_start() {
+    let data = dataset();
+    for readers in [1, 3] {
+        let (now, most) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicUsize::new(0)));
+        let source = |image: &Image| Watched { image: image.clone(), now: Arc::clone(&now), most: Arc::clone(&most) };
+        let view = |view: &View| View { image: OnDemand::from_source(Arc::new(source(&view.image))), ..view.clone() };
+        let later = Dataset { train: data.train.iter().map(view).collect(), readers, ..data.clone() };
+        Trainer::new(&later, config(8), engine()).unwrap();
+        assert!((1..=readers).contains(&most.load(Ordering::Relaxed)), "{readers}");
+    }
 }
 
 #[test]

@@ -50,6 +50,7 @@ pub(crate) const ASSETS: &[(&str, Asset)] = &[
     script!("help.js"),
     script!("legend.js"),
     script!("lens.js"),
+    script!("lights.js"),
     script!("local.js"),
     script!("main.js"),
     script!("math.js"),

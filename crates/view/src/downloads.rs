@@ -33,6 +33,9 @@ pub(crate) async fn splats(house: &House, query: &mut Query) -> Result<Answer, F
     let Some(scene) = &house.scene else {
         return Err(Failure::new(StatusCode::CONFLICT, "the scene is being trained, and is rendered here"));
     };
+    if scene.splats.color_model.lights() > 1 {
+        return Err(Failure::new(StatusCode::CONFLICT, "the scene is a mix of lights, and is rendered here"));
+    }
     let is_kept = edit.is_empty() && precision == Precision::Half && body_bytes(&scene.splats, precision) <= MAX_KEPT_BYTES;
     let packed = async {
         let work = move |stage: &mut dyn Stage| {

@@ -51,6 +51,11 @@ pub struct PageBytes {
 /// # Errors
 /// A scene that is too large for a browser; a device that gave up; the file system's refusal.
 pub fn write_page(path: &Path, subject: &Subject, scene: &Scene, renderer: &mut Renderer) -> Result<PageBytes> {
+    if scene.splats.color_model.single().is_none() {
+        let message = format!("{}: a page does not render a mix of lights", path.display());
+        let remedy = Remedy::advice("open it with luxel view, or write .glb or .ply");
+        return Err(Error::new(message).with_remedy(remedy));
+    }
     let poster = poster::jpeg(subject, renderer)?;
     let thumbnails = thumbnails(subject);
     let bytes = PageBytes { file: 0, poster: poster.len(), thumbnails: thumbnails.iter().map(|(_, jpeg)| jpeg.len()).sum() };
@@ -81,6 +86,8 @@ pub fn limit_degree(splats: &mut Splats, most: u8) {
         ColorModel::Lcd { chroma_degree, luminance_degree, activation } => {
             ColorModel::Lcd { chroma_degree: chroma_degree.min(most), luminance_degree: luminance_degree.min(most), activation }
         }
+        // No page renders a mix.
+        ColorModel::Mix(_) => return,
     };
     let first = |values: &[f32], had: usize, has: usize| match had {
         0 => Vec::new(),
@@ -127,7 +134,7 @@ fn facts(subject: &Subject, scene: &Scene, Pictures { poster, thumbnails }: Pict
         camera["has_ground_truth"] = false.into();
     }
     let more = json!({
-        "splats": scene.splats.len(), "version": 0, "cameras_version": 0, "training": null, "download_bytes": null, "cameras": cameras,
+        "splats": scene.splats.len(), "version": 0, "cameras_version": 0, "training": null, "download_bytes": null, "lights": 1, "cameras": cameras,
         "luxel_version": luxel::VERSION, "thumbnails": thumbnails, "poster": data_address(&poster),
         "chromaticities": scene.color_space.chromaticities(),
     });

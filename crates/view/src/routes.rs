@@ -79,7 +79,10 @@ fn scene(house: &House) -> Result<Answer, Failure> {
         fields.insert("cameras_version".into(), status.cameras.into());
         fields.insert("training".into(), serde_json::to_value(&status.training).unwrap_or_default());
         fields.insert("cameras".into(), serde_json::to_value(house.subject.cameras()).unwrap_or_default());
-        let bytes = house.scene.as_ref().map(|scene| body_bytes(&scene.splats, Precision::Half));
+        let lights = house.scene.as_ref().map_or(1, |scene| scene.splats.color_model.lights());
+        // No page renders a mix.
+        let bytes = house.scene.as_ref().filter(|_| lights == 1).map(|scene| body_bytes(&scene.splats, Precision::Half));
+        fields.insert("lights".into(), lights.into());
         fields.insert("download_bytes".into(), bytes.into());
         fields.insert("luxel_version".into(), luxel::VERSION.into());
     }

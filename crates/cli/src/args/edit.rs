@@ -72,7 +72,7 @@ pub(crate) struct EditArgs {
 }
 
 /// Options whose place a file of edits takes.
-const FILE_CONFLICTS: [&str; 13] = [
+const FILE_CONFLICTS: [&str; 14] = [
     "where",
     "gain",
     "stops",
@@ -82,6 +82,7 @@ const FILE_CONFLICTS: [&str; 13] = [
     "clamp-max",
     "compress-above",
     "lift-below",
+    "light",
     "delete",
     "floaters",
     "up",
@@ -109,6 +110,7 @@ Examples:
   luxel edit run --where \"mask(lamp.png, 004) and L > p95 ~2\" --stops -2 --dry-run --overlay lamp-selected.png
   luxel edit run --floaters --delete \"sphere(0.2,0.1,0.8,0.3)\" -o clean.ply
   luxel edit run --edits run/edits/lamp.edits -o lamp.ply
+  luxel edit evening.ply --light 2:0.5 --where \"sphere(0.2,0.1,0.8,0.3)\" --light 1:0 -o late.ply
   luxel edit run --up 0,0.02,1 --origin 1.2,0.4,-0.1 -o level.ply
   luxel edit run --power 0.8 --pivot 0.5 --where \"hue in 200..260 ~20\" --gain 0.5 -o evening.ply
   luxel edit lcd-run --against sh3-run --power 1.2 -o comparison";
@@ -118,7 +120,7 @@ Examples:
 pub(crate) struct EditOptions(pub(crate) Vec<Edit>);
 
 /// Name, value and help of each statement.
-const STATEMENTS: [[&str; 3]; 9] = [
+const STATEMENTS: [[&str; 3]; 10] = [
     ["where", "SELECTION", "Select the splats that the following maps apply to [default: all]; see below"],
     ["gain", "FACTOR", "Multiply luminance; 0 or more"],
     ["stops", "N", "Multiply luminance by 2^N"],
@@ -132,6 +134,7 @@ const STATEMENTS: [[&str; 3]; 9] = [
     ["clamp-max", "L", "Limit luminance to this"],
     ["compress-above", "L[:RATIO]", "Compress RATIO stops above this luminance to one [default ratio: 4]"],
     ["lift-below", "L[:AMOUNT]", "Reduce the distance in stops of everything below this luminance by this share [default amount: 0.5]"],
+    ["light", "N:FACTOR", "Multiply one light of a mix, by its number from 1; see luxel mix"],
 ];
 
 impl Args for EditOptions {

@@ -17,14 +17,15 @@ use crate::args::values::{
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES, mut_arg("data", |arg| arg.help("Data set whose views measure, refine and prune [default for a run: the one it was trained on]")))]
 pub(crate) struct ExportArgs {
-    /// File to write: .ply, .usdc, .usdz, .usda or .usd (text), .glb, .spz, .html (a page to look
-    /// at).
+    /// File to write: .ply, .usdc, .usdz, .usda or .usd (text), .glb, .spz, .sog, .html (a page to
+    /// look at).
     #[arg(long, short, value_name = "FILE")]
     pub(crate) output: PathBuf,
     /// Replace an existing file.
     #[arg(long)]
     pub(crate) overwrite: bool,
-    /// Kind of colours [default: exact for .ply and .glb, linear for .usd, display for .spz].
+    /// Kind of colours [default: exact for .ply and .glb, linear for .usd, display for .spz and
+    /// .sog].
     #[arg(long, value_enum, value_name = "WHAT", help_heading = "Colour")]
     pub(crate) bake: Option<BakeArg>,
     /// Colour space of a linear bake [default: the scene's; linear-rec709 for .glb].
@@ -68,8 +69,8 @@ pub(crate) struct ExportArgs {
     #[arg(long, value_name = "AXIS:DEGREES", allow_hyphen_values = true, help_heading = "World")]
     pub(crate) rotate: Vec<RotationArg>,
     /// Direction of the scene that is up; the file is turned so that its format's up axis is there
-    /// [default: .ply and .spz as they are, others by the data set's cameras; without a data set
-    /// -y].
+    /// [default: .ply, .spz and .sog as they are, others by the data set's cameras; without a data
+    /// set -y].
     #[arg(long, value_enum, value_name = "AXIS", allow_hyphen_values = true, help_heading = "World")]
     pub(crate) up: Option<UpArg>,
     /// Lengths are multiplied by this.

@@ -11,7 +11,7 @@ struct ShortHelp {
     example: &'static str,
 }
 
-const SHORT: [ShortHelp; 16] = [
+const SHORT: [ShortHelp; 17] = [
     ShortHelp { command: "demo", options: &["output", "iterations", "method", "device", "quiet"], example: "luxel demo -o luxel-demo" },
     ShortHelp {
         command: "prepare",
@@ -67,6 +67,11 @@ const SHORT: [ShortHelp; 16] = [
         command: "edit",
         options: &["output", "overwrite", "where", "gain", "stops", "compress-above", "lift-below", "dry-run", "overlay", "delete"],
         example: "luxel edit run --compress-above 10:3 -o graded.ply\n  luxel edit run --where \"L > p95 ~2\" --stops -2 --dry-run --overlay lamp.png",
+    },
+    ShortHelp {
+        command: "mix",
+        options: &["weights", "output", "overwrite", "quiet"],
+        example: "luxel mix day-run lamp-run --weights 1,0.3 -o evening.ply",
     },
     ShortHelp {
         command: "export",

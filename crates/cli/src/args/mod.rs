@@ -7,6 +7,7 @@ mod completions;
 mod edit;
 mod export;
 mod help;
+mod mix;
 mod pick;
 mod prepare;
 mod probe;
@@ -33,6 +34,7 @@ pub(crate) use self::compare::CompareArgs;
 pub(crate) use self::completions::{CompletionsArgs, ManArgs};
 pub(crate) use self::edit::{EditArgs, EditText, ShMapArg};
 pub(crate) use self::export::ExportArgs;
+pub(crate) use self::mix::MixArgs;
 pub(crate) use self::pick::PickArgs;
 pub(crate) use self::prepare::PrepareArgs;
 pub(crate) use self::probe::ProbeArgs;
@@ -178,6 +180,8 @@ pub(crate) enum Command {
     /// Change the light of a scene: map the luminance of all or selected splats and keep their
     /// colours.
     Edit(Box<EditArgs>),
+    /// Add the light of scenes that have the same geometry: lamps on and off, key and fill.
+    Mix(MixArgs),
     /// Write a scene for other programs: PLY, USD, glTF, SPZ; as radiance or as a display bake.
     Export(Box<ExportArgs>),
     /// Render the light that arrives at a point of the scene as an environment map.
@@ -216,6 +220,10 @@ pub(crate) struct TrainArgs {
     /// Take settings from a run's config.toml; options given here take precedence.
     #[arg(long, value_name = "FILE", conflicts_with = "resume")]
     pub(crate) config: Option<PathBuf>,
+    /// Start from the splats of a run's newest scene or of a scene file, in place of new ones; with
+    /// --freeze geometry only their colours are trained, for other light on the same geometry.
+    #[arg(long, value_name = "RUN|SCENE.ply", conflicts_with = "resume", help_heading = "Splats")]
+    pub(crate) from: Option<PathBuf>,
     /// Delete the run in the output folder and start anew.
     #[arg(long, conflicts_with = "resume")]
     pub(crate) overwrite: bool,

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use clap::ArgMatches;
 use clap::parser::ValueSource;
-use luxel::run::{Choice, Difference, ExplicitArgs, Inapplicable, MadeBy, RunConfig};
+use luxel::run::{Choice, Difference, ExplicitArgs, Inapplicable, MadeBy, RunConfig, RunOptions};
 
 use super::{TrainArgs, flag};
 
@@ -26,7 +26,7 @@ pub(crate) fn from_args(args: &TrainArgs, dataset: PathBuf, explicit: &ExplicitA
         dataset,
         load: args.load.options(),
         device: args.device.options(),
-        run: args.run.options(),
+        run: RunOptions { from: args.from.clone(), ..args.run.options() },
         train: args.train.config.clone().with_preset(|id| explicit.contains(id)),
     }
 }

@@ -78,7 +78,7 @@ impl LoadArgs {
 #[derive(Clone, Debug, Args)]
 pub(crate) struct SceneDataArgs {
     /// Folder of a run (its newest scene), or a scene file: PLY (plain and compressed 3DGS files
-    /// too), USD text, GLB, SPZ.
+    /// too), USD, GLB, SPZ.
     #[arg(value_name = "RUN|SCENE")]
     pub(crate) scene: PathBuf,
     /// Data set [default for a run: its own].
@@ -168,6 +168,7 @@ impl RunArgs {
             eval_every: self.eval_every,
             refine_display: self.refine_display,
             image_memory: self.image_memory,
+            from: None,
             log: self.log.clone(),
         }
     }

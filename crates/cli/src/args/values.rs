@@ -41,7 +41,7 @@ pub(crate) enum FormatArg {
     RealityScan,
     /// Metashape's cameras (.xml).
     Metashape,
-    /// Cameras of OpenUSD text (.usda), images in images/.
+    /// Cameras of OpenUSD (.usda, .usdc, .usdz), images in images/.
     Usd,
     /// Polycam's raw data.
     Polycam,

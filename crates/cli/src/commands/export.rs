@@ -24,7 +24,8 @@ pub(crate) fn run(args: &ExportArgs, explicit: &ExplicitArgs) -> Result<()> {
     if explicit.contains("max_degree") {
         bail!("{}: --max-degree is for .html files; --degree is that of a bake", args.output.display());
     }
-    if Format::from_path(&args.output)? != Format::Spz && explicit.contains("spz_version") {
+    let format = Format::from_path(&args.output)?;
+    if format != Format::Spz && explicit.contains("spz_version") {
         bail!("{}: --spz-version is for .spz files; leave it out, or write .spz", args.output.display());
     }
     let source = SceneSource::open(&args.input.scene, &console)?;
@@ -34,13 +35,14 @@ pub(crate) fn run(args: &ExportArgs, explicit: &ExplicitArgs) -> Result<()> {
     let mut engine = engine::engine(&args.input.device)?.engine;
     let exported = export(source.scene, &args.output, &options, dataset.as_ref(), engine.as_mut(), &console)?;
     if let Some(positions) = &exported.positions {
-        warn_of_positions(positions, &console);
+        warn_of_positions(positions, format, &console);
     }
     warn_of_scale(args, &exported, &console)?;
     // An origin that was asked for is where it should be.
-    if let (Some([x, y, z]), Format::Spz, None) = (exported.origin, Format::from_path(&args.output)?, args.origin) {
+    if let (Some([x, y, z]), Format::Spz | Format::Sog, None) = (exported.origin, format, args.origin) {
+        let (name, _) = small_format(format);
         console.warn(&format!(
-            "positions are relative to the origin {x}, {y}, {z} of the data set's coordinates, for which SPZ has no place; .ply, .glb and \
+            "positions are relative to the origin {x}, {y}, {z} of the data set's coordinates, for which {name} has no place; .ply, .glb and \
              .usda state it"
         ));
     }
@@ -57,19 +59,25 @@ fn warn_of_scale(args: &ExportArgs, exported: &Exported, console: &Console) -> R
     Ok(())
 }
 
-/// Says what SPZ's grid of positions costs.
-fn warn_of_positions(positions: &SpzPositions, console: &Console) {
+/// Returns the name of a format for the web, and the bits of its coordinates.
+fn small_format(format: Format) -> (&'static str, u8) {
+    if format == Format::Sog { ("SOG", 16) } else { ("SPZ", 24) }
+}
+
+/// Says what the grid of positions of a format for the web costs.
+fn warn_of_positions(positions: &SpzPositions, format: Format, console: &Console) {
+    let (name, bits) = small_format(format);
     let SpzPositions { step, median_size, left_out } = *positions;
     if left_out > 0 {
         console.warn(&format!(
-            "left out: {} so far out that SPZ's 24 bits a coordinate would be too coarse for all the others; --crop chooses what is kept, \
+            "left out: {} so far out that {name}'s {bits} bits a coordinate would be too coarse for all the others; --crop chooses what is kept, \
              and .ply and .glb keep all",
             text::plural(left_out, "splat")
         ));
     }
     if positions.is_coarse() {
         console.warn(&format!(
-            "SPZ's 24 bits a coordinate have steps of {step} units here, the median splat is of size {median_size}: give --crop, or write .ply \
+            "{name}'s {bits} bits a coordinate have steps of {step} units here, the median splat is of size {median_size}: give --crop, or write .ply \
              or .glb"
         ));
     }

@@ -68,7 +68,7 @@ fn describe(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs, console: &Con
     Ok(facts)
 }
 
-/// Returns whether a file of OpenUSD text is no scene and has cameras.
+/// Returns whether a file of OpenUSD is no scene and has cameras.
 fn has_only_cameras(path: &Path) -> bool {
     let cameras = || luxel_io::read_file(path).and_then(|bytes| luxel_io::decode_usd_cameras(path, &bytes));
     luxel_io::read_scene_file(path).is_err() && cameras().is_ok_and(|cameras| !cameras.is_empty())
@@ -285,6 +285,9 @@ fn describe_image(path: &Path, args: &InfoArgs) -> Result<Tree> {
 fn add_scene(facts: &mut Tree, scene: &Scene) {
     let splats = &scene.splats;
     facts.set("splats", splats.len()).set("color_model", splats.color_model.name());
+    if splats.color_model.lights() > 1 {
+        facts.set("lights", splats.color_model.lights());
+    }
     if let ColorModel::Lcd { activation, .. } = splats.color_model {
         facts.set("activation", format!("{activation:?}").to_lowercase());
     }

@@ -73,21 +73,18 @@ fn lights_text(lights: &[Light]) -> String {
     if lights.is_empty() {
         return String::new();
     }
-    let mut text = String::from("\nlights           direction       solid angle, sr        peak  irradiance");
+    let mut table = String::from("\nlights           direction       solid angle, sr        peak  irradiance");
     for (i, light) in lights.iter().take(MOST_LINES).enumerate() {
         let [x, y, z] = light.direction;
-        let [r, g, b] = light.irradiance;
-        text += &format!(
-            "\n  {:<3} {x:7.3} {y:7.3} {z:7.3}  {:16.3e}  {:10.4}  {r:.3} {g:.3} {b:.3}",
-            i + 1,
-            light.solid_angle,
-            light.peak_radiance
-        );
+        // A scene's unit may make all of them small or large.
+        let [r, g, b] = light.irradiance.map(text::number);
+        let (peak, angle) = (text::number(light.peak_radiance.into()), light.solid_angle);
+        table += &format!("\n  {:<3} {x:7.3} {y:7.3} {z:7.3}  {angle:16.3e}  {peak:>10}  {r} {g} {b}", i + 1);
     }
     if lights.len() > MOST_LINES {
-        text += &format!("\n  and {} more; --log-format json has all", lights.len() - MOST_LINES);
+        table += &format!("\n  and {} more; --log-format json has all", lights.len() - MOST_LINES);
     }
-    text
+    table
 }
 
 fn describe(args: &ProbeArgs, probe: &Probe) -> Tree {
@@ -104,4 +101,24 @@ fn describe(args: &ProbeArgs, probe: &Probe) -> Tree {
     }
     tree.group("irradiance", irradiance);
     tree
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lamps_of_a_dim_scene_have_digits() {
+        let light = |radiance: f64| Light {
+            direction: [0.6, 0.8, 0.0],
+            solid_angle: 2e-3,
+            radiance: [radiance; 3],
+            peak_radiance: radiance as f32,
+            irradiance: [2e-3 * radiance; 3],
+        };
+        let table = lights_text(&[light(0.02), light(3e6)]);
+        let lines: Vec<Vec<&str>> = table.lines().skip(2).map(|line| line.split_whitespace().collect()).collect();
+        assert_eq!(lines[0], ["1", "0.600", "0.800", "0.000", "2.000e-3", "0.02000", "4.000e-5", "4.000e-5", "4.000e-5"]);
+        assert_eq!(lines[1][5..], ["3.000e6", "6000.0", "6000.0", "6000.0"]);
+    }
 }

@@ -139,6 +139,7 @@ fn resolve(args: &TrainArgs, explicit: &ExplicitArgs, occupant: Occupant, ranks:
     if config.train.batch == 1 && !explicit.contains("batch") {
         config.train.batch = u32::try_from(ranks).unwrap_or(MAX_BATCH);
     }
+    config.run.from = config.run.from.take().map(|from| scene_to_start_from(&from, &args.output)).transpose()?;
     run_config::reject_inapplicable(&config, explicit)?;
     match occupant {
         Occupant::Nothing => Ok(Start::Fresh(config)),
@@ -184,6 +185,16 @@ fn from_command_line(args: &TrainArgs, explicit: &ExplicitArgs) -> Result<RunCon
 /// Returns the path without `.` and links, so that the run finds its data from anywhere.
 fn absolute(dataset: &Path) -> Result<PathBuf> {
     std::fs::canonicalize(dataset).with_context(|| format!("{}: cannot open the data set", dataset.display()))
+}
+
+/// Returns the path of the scene to start from without `.` and links, if it is not in the folder
+/// that the run would replace.
+fn scene_to_start_from(from: &Path, output: &Path) -> Result<PathBuf> {
+    let from = std::fs::canonicalize(from).with_context(|| format!("{}: cannot open the scene to start from", from.display()))?;
+    if std::fs::canonicalize(output).is_ok_and(|output| from.starts_with(output)) {
+        bail!("{}: the scene to start from is in the output folder; choose another output folder", from.display());
+    }
+    Ok(from)
 }
 
 /// Refuses a colour space, and warns of a number of points and of a crop, that only the data set

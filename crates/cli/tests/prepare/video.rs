@@ -79,3 +79,75 @@ fn a_video_without_ffmpeg_is_refused_with_a_remedy() {
     assert!(run.status.code() == Some(1) && said(&run).contains("remedy: install ffmpeg"), "{}", said(&run));
     assert_eq!(prepare(&video, &output, &["--frames", "1"]).status.code(), Some(2));
 }
+
+/// A video without loss of four grey areas from black to white, of these codes.
+fn write_grey_video(path: &Path, format: &str, codes: [u16; 4], facts: &[&str]) {
+    use std::io::Write;
+    let is_deep = format.ends_with("le");
+    let bytes = |code: u16| if is_deep { code.to_le_bytes().to_vec() } else { vec![code as u8] };
+    let bits = if format.contains("p12") {
+        12
+    } else if is_deep {
+        10
+    } else {
+        8
+    };
+    let luma = (0..64).flat_map(|_| (0..256).flat_map(|x| bytes(codes[x / 64]))).collect::<Vec<u8>>();
+    let chroma = (0..2 * 32 * 128).flat_map(|_| bytes(1 << (bits - 1))).collect::<Vec<u8>>();
+    let frame = [luma, chroma].concat();
+    let mut child = std::process::Command::new("ffmpeg")
+        .args(["-v", "error", "-y", "-f", "rawvideo", "-pix_fmt", format, "-s", "256x64", "-r", "25", "-i", "-"])
+        .args(facts)
+        .args(["-c:v", "ffv1"])
+        .arg(path)
+        .stdin(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    for _ in 0..4 {
+        child.stdin.as_mut().unwrap().write_all(&frame).unwrap();
+    }
+    assert!(child.wait().unwrap().success());
+}
+
+#[test]
+#[ignore = "needs ffmpeg: cargo test --release -p luxel-cli --test prepare -- --ignored"]
+fn levels_of_videos_are_those_of_their_codes() {
+    let folder = tempfile::tempdir().unwrap();
+    let (limited, full): (&[&str], &[&str]) =
+        (&["-color_range", "tv", "-colorspace", "bt709"], &["-color_range", "pc", "-colorspace", "bt709"]);
+    let hlg = ["-color_range", "tv", "-color_primaries", "bt2020", "-color_trc", "arib-std-b67"];
+    let cases: [(&str, u16, bool, &[&str]); 9] = [
+        ("yuv420p", 8, true, limited),
+        ("yuv420p", 8, false, full),
+        ("yuv420p", 8, true, &[]),
+        ("yuv420p10le", 10, true, limited),
+        ("yuv420p10le", 10, false, full),
+        // Neither range nor matrix are stated.
+        ("yuv420p10le", 10, true, &[]),
+        ("yuv420p12le", 12, true, limited),
+        ("yuv420p12le", 12, false, full),
+        // A curve, but no matrix.
+        ("yuv420p10le", 10, true, &hlg),
+    ];
+    for (i, (format, bits, is_limited, facts)) in cases.into_iter().enumerate() {
+        let (video, output) = (folder.path().join(format!("{i}.mkv")), folder.path().join(format!("{i}")));
+        let unit = 1u16 << (bits - 8);
+        let most = ((1u32 << bits) - 1) as u16;
+        let codes = if is_limited { [16 * unit, 126 * unit, 180 * unit, 235 * unit] } else { [0, most / 2, most / 4 * 3, most] };
+        write_grey_video(&video, format, codes, facts);
+        let run = prepare(&video, &output, &["--frames", "2"]);
+        assert!(run.status.success(), "{}", said(&run));
+        assert!(!said(&run).contains("darker"), "{}", said(&run));
+        let png = image::open(output.join("frames/frame_00001.png")).unwrap().into_rgb16();
+        for (area, code) in codes.into_iter().enumerate() {
+            let level = match is_limited {
+                true => f64::from(code - 16 * unit) / f64::from(219 * unit),
+                false => f64::from(code) / f64::from(most),
+            };
+            let found = png.get_pixel(64 * area as u32 + 32, 32).0.map(|v| f64::from(v) / 65535.0);
+            // Half a code of the file.
+            let close = if bits == 8 { 0.51 / 255.0 } else { 1.5 / 65535.0 };
+            assert!(found.iter().all(|v| (v - level).abs() <= close), "{format} {facts:?} {code}: {found:?}, expected {level}");
+        }
+    }
+}

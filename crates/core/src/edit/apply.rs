@@ -8,7 +8,7 @@
 
 use super::refit::{Refit, SplatMap};
 use super::{Edit, EditError, Map, MapChain, MaskShares, ShMap};
-use crate::{Scene, Splats};
+use crate::{ColorModel, Component, Scene, Splats};
 
 /// The result of an edit.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,15 +63,70 @@ impl Edit {
         if edit.maps.is_empty() {
             return Ok(Applied { edit, weights, hue_shift: None });
         }
-        let (colors, hue_shift) = recolored(scene, &edit.chain(), &weights, sh_map)?;
-        (scene.splats.sh, scene.splats.raw_luminance) = colors;
+        let parts = parts(&edit.maps, scene.splats.color_model)?;
+        let before = (scene.splats.sh.clone(), scene.splats.raw_luminance.clone());
+        let mut hue_shift = None;
+        for part in &parts {
+            let changed = match part {
+                Part::Luminance(chain) => recolored(scene, chain, &weights, sh_map),
+                Part::Light { component, gain } => relit(scene, *component, *gain, &weights).map(|colors| (colors, None)),
+            };
+            match changed {
+                Ok((colors, shift)) => {
+                    (scene.splats.sh, scene.splats.raw_luminance) = colors;
+                    hue_shift = shift;
+                }
+                Err(error) => {
+                    (scene.splats.sh, scene.splats.raw_luminance) = before;
+                    return Err(error);
+                }
+            }
+        }
         scene.edits.push(edit.to_string());
         Ok(Applied { edit, weights, hue_shift })
     }
 }
 
-/// New `sh` and `raw_luminance`, and the hue shift.
-type Recolored = ((Vec<f32>, Vec<f32>), Option<f64>);
+/// A part of an edit's maps that is applied at once.
+enum Part<'m> {
+    /// Maps on luminance, in order.
+    Luminance(MapChain<'m>),
+    /// A factor on one light.
+    Light { component: Component, gain: f32 },
+}
+
+/// Splits maps where they change from luminance to a light.
+fn parts(maps: &[Map], model: ColorModel) -> Result<Vec<Part<'_>>, EditError> {
+    let is_light = |map: &Map| matches!(map, Map::Light { .. });
+    maps.chunk_by(|a, b| !is_light(a) && !is_light(b)).map(|run| part(run, model)).collect()
+}
+
+fn part(run: &[Map], model: ColorModel) -> Result<Part<'_>, EditError> {
+    let [Map::Light { number, gain }] = *run else { return Ok(Part::Luminance(MapChain::new(run, 1.0))) };
+    let lights = model.lights();
+    let component = model.component(usize::from(number).saturating_sub(1));
+    let exists = component.gain.is_some() && usize::from(number) <= lights;
+    if exists { Ok(Part::Light { component, gain }) } else { Err(EditError::Light { number, lights }) }
+}
+
+/// New `sh` and `raw_luminance`.
+type Colors = (Vec<f32>, Vec<f32>);
+
+/// New colours, and the hue shift.
+type Recolored = (Colors, Option<f64>);
+
+/// Multiplies the gain of a light, faded by the weights.
+fn relit(scene: &Scene, component: Component, gain: f32, weights: &[f32]) -> Result<Colors, EditError> {
+    let mut raw = scene.splats.raw_luminance.clone();
+    let m = scene.splats.color_model.luminance_coefficients().max(1);
+    for (raw, weight) in raw.chunks_exact_mut(m).zip(weights).filter(|(_, weight)| **weight > 0.0) {
+        component.scale(raw, if *weight >= 1.0 { gain } else { gain.powf(*weight) });
+    }
+    if let Some(at) = raw.iter().position(|value| !value.is_finite()) {
+        return Err(EditError::Overflow { splat: at / m, luminance: scene.luminance(at / m) });
+    }
+    Ok((scene.splats.sh.clone(), raw))
+}
 
 fn recolored(scene: &Scene, chain: &MapChain<'_>, weights: &[f32], sh_map: ShMap) -> Result<Recolored, EditError> {
     let Splats { color_model: model, .. } = scene.splats;

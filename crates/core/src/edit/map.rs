@@ -8,6 +8,7 @@
 use std::fmt;
 
 use super::EditError;
+use crate::MAX_LIGHTS;
 
 /// A map on luminance.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,6 +44,14 @@ pub enum Map {
         /// Amount, below 1; 0 changes nothing, below 0 darkens.
         amount: f32,
     },
+    /// Multiplies one light of a mix ([`crate::Mix`]); the other lights, and so chromaticities of
+    /// the sum, are not kept. On its own, luminance is unchanged: see [`MapChain`].
+    Light {
+        /// Number of the light, 1 for the first.
+        number: u8,
+        /// Factor, 0 or more.
+        gain: f32,
+    },
 }
 
 /// Default ratio of [`Map::CompressAbove`].
@@ -60,9 +69,16 @@ impl Map {
             let fits = found.is_finite() && found > 0.0;
             if fits { Ok(()) } else { Err(EditError::Parameter { name, found, expected: "a finite number above 0" }) }
         };
+        let gain_of = |found: f32| {
+            let fits = found.is_finite() && found >= 0.0;
+            if fits { Ok(()) } else { Err(EditError::Parameter { name: "gain", found, expected: "a finite number, 0 or more" }) }
+        };
         match *self {
-            Self::Gain(found) if found.is_finite() && found >= 0.0 => Ok(()),
-            Self::Gain(found) => Err(EditError::Parameter { name: "gain", found, expected: "a finite number, 0 or more" }),
+            Self::Gain(found) => gain_of(found),
+            Self::Light { number, gain } if (1..=MAX_LIGHTS).contains(&number.into()) => gain_of(gain),
+            Self::Light { number, .. } => {
+                Err(EditError::Parameter { name: "light", found: number.into(), expected: "the number of a light, 1 to 8" })
+            }
             Self::Stops(stops) if stops.is_finite() && stops.exp2().is_finite() => Ok(()),
             Self::Stops(found) => Err(EditError::Parameter { name: "stops", found, expected: "a finite number below 128" }),
             Self::Power { exponent, pivot } => {
@@ -94,12 +110,13 @@ impl Map {
             Self::ClampMax(max) => luminance.min(max.into()),
             Self::CompressAbove { threshold, ratio } if luminance > f64::from(threshold) => about(threshold.into(), 1.0 / f64::from(ratio)),
             Self::LiftBelow { threshold, amount } if luminance < f64::from(threshold) => about(threshold.into(), 1.0 - f64::from(amount)),
-            Self::CompressAbove { .. } | Self::LiftBelow { .. } => luminance,
+            Self::CompressAbove { .. } | Self::LiftBelow { .. } | Self::Light { .. } => luminance,
         }
     }
 }
 
-/// A chain of maps, ready for evaluation.
+/// A chain of maps, ready for evaluation. [`Map::Light`] counts as no map: it changes a light, not
+/// a luminance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapChain<'m> {
     maps: &'m [Map],
@@ -142,6 +159,7 @@ impl<'m> MapChain<'m> {
         self.maps.iter().try_fold(1.0, |product, map| match map {
             Map::Gain(gain) => Some(product * gain),
             Map::Stops(stops) => Some(product * stops.exp2()),
+            Map::Light { .. } => Some(product),
             _ => None,
         })
     }
@@ -236,6 +254,7 @@ impl fmt::Display for Map {
             Self::ClampMax(max) => write!(f, "clamp-max {max}"),
             Self::CompressAbove { threshold, ratio } => write!(f, "compress-above {threshold}:{ratio}"),
             Self::LiftBelow { threshold, amount } => write!(f, "lift-below {threshold}:{amount}"),
+            Self::Light { number, gain } => write!(f, "light {number}:{gain}"),
         }
     }
 }

@@ -22,6 +22,29 @@ pub struct Contributions {
 }
 
 impl Contributions {
+    /// Returns the contributions of the lights of a scene together: their light is added; the
+    /// blending weights, which differ by cut-offs alone, are averaged.
+    pub fn of_lights(lights: impl IntoIterator<Item = Self>) -> Self {
+        let mut lights = lights.into_iter();
+        let Some(mut sum) = lights.next() else { return Self::default() };
+        let mut count = 1.0f32;
+        for light in lights {
+            count += 1.0;
+            let rows = [
+                (&mut sum.masked, light.masked),
+                (&mut sum.blended, light.blended),
+                (&mut sum.unoccluded, light.unoccluded),
+                (&mut sum.light, light.light),
+            ];
+            rows.into_iter().for_each(|(sum, values)| sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += value));
+        }
+        if count > 1.0 {
+            let weights = [&mut sum.masked, &mut sum.blended, &mut sum.unoccluded];
+            weights.into_iter().flatten().for_each(|value| *value /= count);
+        }
+        sum
+    }
+
     /// Returns the part of each splat's blending weight that lies in the mask, 0 to 1; 0 for splats
     /// that are hidden or outside the image.
     pub fn shares(&self) -> Vec<f32> {

@@ -9,6 +9,8 @@
 //! - Harmonics of radiance (`Sh`): a gain is exact. Any other map is applied to evaluated colours,
 //!   and harmonics are fitted to the result, which shifts hues. [`Applied::hue_shift`] reports by
 //!   how much.
+//! - Mixes ([`crate::Mix`]): maps change the gains of all lights by the same factor, so that every
+//!   light's coefficients stay bit-identical; [`Map::Light`] changes the gains of one.
 //!
 //! Under [`crate::Cutoffs::PARITY`], a gain of all splats multiplies every pixel on a black
 //! background by that gain, up to rounding. Cut-offs that depend on radiance
@@ -73,6 +75,14 @@ pub enum EditError {
     /// The shares of a mask are missing or belong to another scene.
     #[error("mask {} of view {} has not been projected to this scene", .0.file, .0.view)]
     Mask(MaskName),
+    /// The scene has no such light.
+    #[error("light {number}: {}", lights_of(*.lights))]
+    Light {
+        /// Number of the light, 1 for the first.
+        number: u8,
+        /// Number of lights in the scene.
+        lights: usize,
+    },
     /// The result does not fit in f32.
     #[error("splat {splat} of luminance {luminance} would overflow; lower the gain or the exponent")]
     Overflow {
@@ -81,6 +91,14 @@ pub enum EditError {
         /// Its luminance before the edit, units of the data set.
         luminance: f32,
     },
+}
+
+/// Returns what lights a scene has, for an error.
+fn lights_of(lights: usize) -> String {
+    match lights {
+        0 | 1 => "the scene has one light, expected a mix, as luxel mix makes them".to_owned(),
+        lights => format!("the scene has {lights} lights"),
+    }
 }
 
 #[cfg(test)]

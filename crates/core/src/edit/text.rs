@@ -4,7 +4,7 @@
 //! edits     = statement (';' statement)*
 //! statement = 'where' selection | 'gain' X | 'stops' X | 'power' X | 'pivot' X
 //!           | 'curve' X:Y,X:Y,... | 'clamp-max' X | 'compress-above' X[:RATIO]
-//!           | 'lift-below' X[:AMOUNT]
+//!           | 'lift-below' X[:AMOUNT] | 'light' N:GAIN
 //! selection = every ('or' every)*
 //! every     = unary ('and' unary)*
 //! unary     = 'not' unary | '(' selection ')' | test ['~' WIDTH]
@@ -26,6 +26,7 @@ use std::str::FromStr;
 use self::cursor::Cursor;
 use super::map::{DEFAULT_AMOUNT, DEFAULT_RATIO};
 use super::{Comparison, Curve, Edit, Level, Map, MaskName, Quantity, Selection};
+use crate::MAX_LIGHTS;
 
 /// Deepest nesting of parentheses and `not`.
 const MAX_DEPTH: usize = 64;
@@ -53,7 +54,7 @@ pub enum Statement {
 
 impl Statement {
     /// Names of the statements that are maps.
-    pub const MAPS: [&'static str; 7] = ["gain", "stops", "power", "curve", "clamp-max", "compress-above", "lift-below"];
+    pub const MAPS: [&'static str; 8] = ["gain", "stops", "power", "curve", "clamp-max", "compress-above", "lift-below", "light"];
 
     /// Parses the statement `name` with the value `text`.
     ///
@@ -184,10 +185,22 @@ impl Cursor<'_> {
             "clamp-max" => Map::ClampMax(self.number(number)?),
             "compress-above" => Map::CompressAbove { threshold: self.number(number)?, ratio: optional(self, DEFAULT_RATIO)? },
             "lift-below" => Map::LiftBelow { threshold: self.number(number)?, amount: optional(self, DEFAULT_AMOUNT)? },
+            "light" => self.light()?,
             _ => return Err(self.error(format!("there is no edit \"{name}\", expected {}", statement_names()))),
         };
         map.check().map_err(|e| self.refused(start, &e))?;
         Ok(Statement::Map(map))
+    }
+
+    fn light(&mut self) -> Result<Map, EditTextError> {
+        let start = self.at;
+        let number = self.number("the number of a light")?;
+        if number.fract() != 0.0 || !(1.0..=MAX_LIGHTS as f32).contains(&number) {
+            let message = format!("light {number}, expected a number from 1 to {MAX_LIGHTS}");
+            return Err(EditTextError { column: self.column_of(start), message });
+        }
+        self.need(":")?;
+        Ok(Map::Light { number: number as u8, gain: self.number("a number")? })
     }
 
     fn curve(&mut self) -> Result<Curve, EditTextError> {

@@ -125,6 +125,16 @@ pub struct ScreenEllipses {
     pub radius_px: Vec<[i32; 2]>,
 }
 
+/// The numbers that a splat's shape is differentiated by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ShapeParameters {
+    /// Rotation and scale.
+    #[default]
+    RotationAndScale,
+    /// The covariance in the world.
+    Covariance,
+}
+
 /// The gradient by [`ScreenEllipses`]; absent parts are zero.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct EllipseGradient<'a> {
@@ -138,6 +148,8 @@ pub struct EllipseGradient<'a> {
     pub depth: Option<&'a [f32]>,
     /// By the opacity on the screen.
     pub opacity: Option<&'a [f32]>,
+    /// Parameters of the splats' shapes that the gradient is wanted by.
+    pub shape: ShapeParameters,
 }
 
 /// The gradient by [`ActivatedSplats`] and cameras.
@@ -145,10 +157,13 @@ pub struct EllipseGradient<'a> {
 pub struct SplatGradient {
     /// `[N]`.
     pub position: Vec<[f32; 3]>,
-    /// By the quaternion as it was given, `[N]`.
+    /// By the quaternion as it was given, `[N]`; empty if the covariance was wanted.
     pub rotation: Vec<[f32; 4]>,
-    /// `[N]`.
+    /// `[N]`; empty if the covariance was wanted.
     pub scale: Vec<[f32; 3]>,
+    /// By the covariance in the world, xx, xy, xz, yy, yz, zz, of which the off-diagonal numbers
+    /// stand for both entries; world units^-2, `[N]`. Empty unless wanted.
+    pub covariance: Vec<[f32; 6]>,
     /// `[N]`.
     pub opacity: Vec<f32>,
     /// By [`MatrixCamera::camera_from_world`], each of the twelve numbers by itself, `[C]`.
@@ -207,7 +222,7 @@ pub struct BlendGradient {
     pub opacity: Vec<f32>,
     /// By the channels, in their layout.
     pub channels: Vec<f32>,
-    /// By the background, `[C, K]`, whether one was given or not.
+    /// By the background, `[C, K]`; empty if none was given.
     pub background: Vec<f32>,
     /// Sums over pixels of absolute gradients by the centres; empty unless wanted.
     pub absolute_mean_px: Vec<[f32; 2]>,
@@ -305,6 +320,10 @@ pub trait Differentiable {
     /// # Errors
     /// [`EngineError::Invalid`] for arrays of wrong lengths.
     fn colors_backward(&self, colors: &DirectionalColors<'_>, gradient: &[[f32; 3]]) -> Result<ColorGradient, EngineError>;
+
+    /// Takes the memory of a result that is no longer needed, for a later result of the same size.
+    /// Optional: fresh memory costs as much time as a pass over it.
+    fn recycle(&self, numbers: Vec<f32>);
 }
 
 /// Splats on screens, with what blending and the backward pass need.

@@ -8,6 +8,7 @@ mod camera_gradient;
 mod contract;
 mod densify;
 mod differentiable;
+mod dropout;
 mod parameter_rows;
 mod pass;
 mod pixel_angle;
@@ -20,8 +21,10 @@ pub use contract::{Engine, EngineError};
 pub use densify::{DensifyPlan, DensifyStats, Geometry, PlanRow};
 pub use differentiable::{
     AbsoluteMeans, ActivatedSplats, BlendGradient, BlendOptions, BlendedPixels, BlendedSplats, Channels, ColorGradient, Differentiable,
-    DirectionalColors, EllipseGradient, MatrixCamera, PixelGradient, ProjectedSplats, ScreenEllipses, SplatGradient, check_len,
+    DirectionalColors, EllipseGradient, MatrixCamera, PixelGradient, ProjectedSplats, ScreenEllipses, ShapeParameters, SplatGradient,
+    check_len,
 };
+pub use dropout::Dropout;
 pub use parameter_rows::ParameterRows;
 pub use pass::{Pass, PassTime};
 pub use pixel_angle::{PIXEL_ANGLE_TERMS, PixelAngle};

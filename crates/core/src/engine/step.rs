@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{CameraGradient, CameraGradientChoice, RenderOptions};
+use super::{CameraGradient, CameraGradientChoice, Dropout, RenderOptions};
 use crate::{Knots, LossWeights, VIGNETTING_TERMS};
 
 /// Adam's learning rates at one step.
@@ -74,6 +74,8 @@ pub struct StepConfig {
     pub betas: AdamBetas,
     /// Noise after the update.
     pub position_noise: Option<PositionNoise>,
+    /// Splats that the step leaves out.
+    pub dropout: Option<Dropout>,
     /// Statistics that the step adds to [`super::DensifyStats`].
     pub stats: StatsCollection,
     /// Whether the gradient by the camera is computed.

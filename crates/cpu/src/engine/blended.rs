@@ -46,7 +46,8 @@ impl Blended {
     pub(super) fn new(screens: Arc<Screens>, channels: &Channels<'_>) -> (BlendedPixels, Self) {
         let (views, [width, height]) = (screens.views.len(), screens.size_px);
         let image = width * height;
-        let mut pixels = BlendedPixels { channels: vec![0.0; views * image * channels.count], alpha: vec![0.0; views * image] };
+        let numbers = &screens.shared.spare.numbers;
+        let mut pixels = BlendedPixels { channels: numbers.take(views * image * channels.count), alpha: numbers.take(views * image) };
         let mut blended = Self {
             channels: channels.values.to_vec(),
             count: channels.count,
@@ -88,14 +89,14 @@ impl Blended {
             AbsoluteMeans::Skip => AbsoluteSums::Skip,
             AbsoluteMeans::Collect => AbsoluteSums::Collect,
         };
+        let numbers = &screens.shared.spare.numbers;
         let mut out = BlendGradient {
-            mean_px: vec![[0.0; 2]; total],
-            covariance_px2: vec![[0.0; 3]; total],
-            opacity: vec![0.0; total],
-            channels: vec![0.0; self.channels.len()],
+            mean_px: numbers.take(total),
+            covariance_px2: numbers.take(total),
+            opacity: numbers.take(total),
+            channels: numbers.take(self.channels.len()),
             background: Vec::new(),
-            // Pages that nobody writes cost nothing.
-            absolute_mean_px: vec![[0.0; 2]; total],
+            absolute_mean_px: numbers.take(total),
         };
         let mut buffers = screens.shared.spare.gradients.take();
         let GradientBuffers { pixels, entries } = &mut buffers;
@@ -104,7 +105,9 @@ impl Blended {
             let camera = ScreenCamera { background: channels.first_background(), ..view.camera.clone() };
             let by_channels = &gradient.channels[n * image * self.count..][..image * self.count];
             pixels.fill(&camera, self.count, by_channels, gradient.alpha.map(|alpha| &alpha[n * image..][..image]));
-            out.background.extend(pixels.by_background(&camera, &blended.tiles, self.count));
+            if !self.background.is_empty() {
+                out.background.extend(pixels.by_background(&camera, &blended.tiles, self.count));
+            }
             let inputs = tile_inputs(screens, view, &camera, &channels);
             let blended = blend::Blended { records, tiles: &blended.tiles, gradient: pixels, absolute };
             blend_backward(&inputs, &channels, blended, entries);
@@ -112,7 +115,7 @@ impl Blended {
         }
         screens.shared.spare.gradients.give_back(buffers);
         if absolute == AbsoluteSums::Skip {
-            out.absolute_mean_px = Vec::new();
+            numbers.give_back(std::mem::take(&mut out.absolute_mean_px).into_flattened());
         }
         out
     }
@@ -122,7 +125,10 @@ impl Blended {
         let (count, more) = (self.screens.splats.count, self.count.saturating_sub(FIRST));
         let range = camera * count..(camera + 1) * count;
         let numbers = count * self.count;
-        let channels = if out.channels.len() == numbers { &mut out.channels[..] } else { &mut out.channels[camera * numbers..][..numbers] };
+        // Channels that cameras share have sums over them; every other number is written once.
+        let is_shared = out.channels.len() == numbers;
+        let is_first = !is_shared || camera == 0;
+        let channels = if is_shared { &mut out.channels[..] } else { &mut out.channels[camera * numbers..][..numbers] };
         let outs = (
             out.mean_px[range.clone()].par_chunks_mut(LANES),
             out.covariance_px2[range.clone()].par_chunks_mut(LANES),
@@ -134,6 +140,15 @@ impl Blended {
         outs.into_par_iter().enumerate().with_min_len(16).for_each(|(block, (mean_px, covariance_px2, opacity, absolute, channels))| {
             let first = block * LANES;
             let mut sums = BlockSums::ZERO;
+            mean_px.fill([0.0; 2]);
+            covariance_px2.fill([0.0; 3]);
+            opacity.fill(0.0);
+            if collects_absolute {
+                absolute.fill([0.0; 2]);
+            }
+            if is_first {
+                channels.fill(0.0);
+            }
             with_simd!(self.screens.shared.level, simd => {
                 sums.gather_entries(simd, splats.bins, &entries.entries, first..first + opacity.len());
                 if sums.is_visible() {

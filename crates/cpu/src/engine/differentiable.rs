@@ -48,12 +48,25 @@ impl Differentiable for CpuEngine {
 
     fn colors(&self, colors: &DirectionalColors<'_>) -> Result<Vec<[f32; 3]>, EngineError> {
         colors.validate()?;
-        Ok(self.pool.install(|| directional_colors(self.state.level, colors)))
+        Ok(self
+            .pool
+            .install(|| directional_colors(self.state.level, colors, self.spare.numbers.take(colors.position.len() * colors.eye.len()))))
     }
 
     fn colors_backward(&self, colors: &DirectionalColors<'_>, gradient: &[[f32; 3]]) -> Result<ColorGradient, EngineError> {
         colors.validate()?;
         check_len("gradient by colours", gradient.len(), colors.position.len() * colors.eye.len())?;
-        Ok(self.pool.install(|| directional_backward(self.state.level, colors, gradient)))
+        let numbers = &self.spare.numbers;
+        let out = ColorGradient {
+            position: numbers.take(colors.position.len()),
+            eye: vec![[0.0; 3]; colors.eye.len()],
+            sh: numbers.take(colors.sh.len()),
+            raw_luminance: numbers.take(colors.raw_luminance.len()),
+        };
+        Ok(self.pool.install(|| directional_backward(self.state.level, colors, gradient, out)))
+    }
+
+    fn recycle(&self, numbers: Vec<f32>) {
+        self.spare.numbers.give_back(numbers);
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use fearless_simd::Simd;
 use luxel_core::engine::{
     ActivatedSplats, BlendOptions, BlendedPixels, BlendedSplats, Channels, EllipseGradient, MatrixCamera, ParameterRows, ProjectedSplats,
-    ScreenEllipses, SplatGradient, check_len,
+    ScreenEllipses, ShapeParameters, SplatGradient, check_len,
 };
 use luxel_core::{EngineError, Remedy, each};
 use rayon::prelude::*;
@@ -35,13 +35,14 @@ impl Projected {
     ) -> (ScreenEllipses, Self) {
         let (store, count) = (ActivatedStore::new(splats), splats.len());
         let total = count * cameras.len();
+        let numbers = &shared.spare.numbers;
         let mut ellipses = ScreenEllipses {
-            mean_px: vec![[0.0; 2]; total],
-            covariance_px2: vec![[0.0; 3]; total],
-            conic: vec![[0.0; 3]; total],
-            depth: vec![0.0; total],
-            opacity: vec![0.0; total],
-            radius_px: vec![[0; 2]; total],
+            mean_px: numbers.take(total),
+            covariance_px2: numbers.take(total),
+            conic: numbers.take(total),
+            depth: numbers.take(total),
+            opacity: numbers.take(total),
+            radius_px: numbers.take(total),
         };
         let mut views = Vec::new();
         for (n, camera) in cameras.iter().enumerate() {
@@ -107,6 +108,7 @@ struct ChunkGradient<'a> {
     position: &'a mut [[f32; 3]],
     rotation: &'a mut [[f32; 4]],
     scale: &'a mut [[f32; 3]],
+    covariance: &'a mut [[f32; 6]],
     opacity: &'a mut [f32],
 }
 
@@ -114,11 +116,13 @@ impl Screens {
     /// Differentiates all splats, chunk by chunk.
     fn backward(&self, gradient: &EllipseGradient<'_>) -> SplatGradient {
         let count = self.splats.count;
+        let numbers = &self.shared.spare.numbers;
         let mut out = SplatGradient {
-            position: vec![[0.0; 3]; count],
-            rotation: vec![[0.0; 4]; count],
-            scale: vec![[0.0; 3]; count],
-            opacity: vec![0.0; count],
+            position: numbers.take(count),
+            rotation: numbers.take(count),
+            scale: numbers.take(count),
+            covariance: numbers.take(count),
+            opacity: numbers.take(count),
             camera_from_world: vec![[[0.0; 4]; 3]; self.views.len()],
         };
         let splats = CHUNK * LANES;
@@ -126,16 +130,24 @@ impl Screens {
             out.position.par_chunks_mut(splats),
             out.rotation.par_chunks_mut(splats),
             out.scale.par_chunks_mut(splats),
+            out.covariance.par_chunks_mut(splats),
             out.opacity.par_chunks_mut(splats),
         );
         let by_camera: Vec<Vec<[f64; 12]>> = chunks
             .into_par_iter()
             .enumerate()
-            .map(|(chunk, (position, rotation, scale, opacity))| {
-                let out = ChunkGradient { position, rotation, scale, opacity };
+            .map(|(chunk, (position, rotation, scale, covariance, opacity))| {
+                let out = ChunkGradient { position, rotation, scale, covariance, opacity };
                 with_simd!(self.shared.level, simd => self.chunk_backward(simd, gradient, chunk, out))
             })
             .collect();
+        match gradient.shape {
+            ShapeParameters::RotationAndScale => numbers.give_back(std::mem::take(&mut out.covariance).into_flattened()),
+            ShapeParameters::Covariance => {
+                numbers.give_back(std::mem::take(&mut out.rotation).into_flattened());
+                numbers.give_back(std::mem::take(&mut out.scale).into_flattened());
+            }
+        }
         for (camera, out) in out.camera_from_world.iter_mut().enumerate() {
             let sums: [f64; 12] = std::array::from_fn(|n| by_camera.iter().map(|sums| sums[camera][n]).sum());
             for (out, sum) in out.as_flattened_mut().iter_mut().zip(sums) {
@@ -153,16 +165,16 @@ impl Screens {
         for n in 0..out.opacity.len().div_ceil(LANES) {
             let block = chunk * CHUNK + n;
             let (first, end) = (block * LANES, count.min((block + 1) * LANES));
-            let mut total = [Lanes::ZERO; ROWS];
+            let (mut total, mut by_covariance) = ([Lanes::ZERO; ROWS], [Lanes::ZERO; 6]);
             for ((camera, view), sums) in self.views.iter().enumerate().zip(&mut sums) {
                 let visible = view.buffers.visible[block];
                 if visible == 0 {
                     continue;
                 }
                 let lanes = ellipse_lanes(gradient, camera * count + first..camera * count + end);
-                let SplatLanes { rows, camera } =
+                let SplatLanes { rows, covariance, camera } =
                     project_activated_backward(simd, &view.camera, &self.splats.blocks[block], visible, &lanes);
-                for (total, row) in total.iter_mut().zip(rows) {
+                for (total, row) in total.iter_mut().chain(&mut by_covariance).zip(rows.into_iter().chain(covariance)) {
                     (V::load(simd, total) + row).store(total);
                 }
                 for (sum, row) in sums.iter_mut().zip(camera) {
@@ -172,8 +184,13 @@ impl Screens {
             for (lane, i) in (n * LANES..out.opacity.len().min((n + 1) * LANES)).enumerate() {
                 let at = |row: usize| total[row].0[lane];
                 out.position[i] = each!([0, 1, 2] c => at(ParameterRows::POSITION + c));
-                out.rotation[i] = each!([0, 1, 2, 3] c => at(ParameterRows::ROTATION + c));
-                out.scale[i] = each!([0, 1, 2] c => at(ParameterRows::LOG_SCALE + c));
+                match gradient.shape {
+                    ShapeParameters::RotationAndScale => {
+                        out.rotation[i] = each!([0, 1, 2, 3] c => at(ParameterRows::ROTATION + c));
+                        out.scale[i] = each!([0, 1, 2] c => at(ParameterRows::LOG_SCALE + c));
+                    }
+                    ShapeParameters::Covariance => out.covariance[i] = each!([0, 1, 2, 3, 4, 5] c => by_covariance[c].0[lane]),
+                }
                 out.opacity[i] = at(ParameterRows::OPACITY);
             }
         }

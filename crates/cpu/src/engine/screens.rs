@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use fearless_simd::Level;
 
-use super::spare::Spare;
+use super::spare::{Spare, SpareNumbers};
 use crate::passes::activated::ActivatedStore;
 use crate::passes::bin::{Bins, ScreenSplats};
 use crate::passes::blend::{ChannelGradient, ChannelPixels, EntrySums};
@@ -27,6 +27,7 @@ pub(super) struct SpareBuffers {
     pub(super) views: Spare<ViewBuffers>,
     pub(super) blends: Spare<BlendBuffers>,
     pub(super) gradients: Spare<GradientBuffers>,
+    pub(super) numbers: SpareNumbers,
 }
 
 /// Splats on the screens of cameras, which blended images keep alive.

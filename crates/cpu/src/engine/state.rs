@@ -6,11 +6,10 @@ mod batch;
 use std::time::Duration;
 
 use fearless_simd::Level;
-use luxel_core::edit::Contributions;
 use luxel_core::engine::{
-    CameraGradient, CameraGradientChoice, DensifyPlan, DensifyStats, Evaluations, Geometry, ParameterRows, StatsCollection, StepConfig,
+    CameraGradient, CameraGradientChoice, DensifyPlan, DensifyStats, Geometry, ParameterRows, StatsCollection, StepConfig,
 };
-use luxel_core::{EngineError, Image, Layers, Moments, Pass, PassTime, Splats, StepReport, View};
+use luxel_core::{EngineError, Moments, Pass, PassTime, Splats, StepReport, View};
 use rayon::prelude::*;
 
 use super::clock::{Clock, Timings};
@@ -19,14 +18,12 @@ use crate::memory::Buffer;
 use crate::passes::adam::Optimizer;
 use crate::passes::bin::{Bins, ScreenSplats};
 use crate::passes::camera_backward::camera_backward;
-use crate::passes::contribute::contribute;
 use crate::passes::densify;
-use crate::passes::evaluations::evaluations;
 use crate::passes::loss::{LossBuffers, LossSums};
 use crate::passes::project::{Footprint, resize_for};
 use crate::passes::project_all::project;
 use crate::passes::project_backward::Inputs;
-use crate::passes::rasterize::{TilePixels, to_alpha, to_image};
+use crate::passes::rasterize::TilePixels;
 use crate::passes::rasterize_backward::{AbsoluteSums, BlockGradient, RasterizedTiles, rasterize_backward};
 use crate::passes::samples::{resolve, spread};
 use crate::passes::sort_and_rasterize::sort_and_rasterize;
@@ -39,7 +36,7 @@ use crate::view::ScreenCamera;
 /// A scene in training, with the buffers of its passes.
 pub(super) struct State {
     pub(super) level: Level,
-    parameters: Store,
+    pub(super) parameters: Store,
     first: Store,
     second: Store,
     /// Memory into which the next densification builds a store. It is released in steps that
@@ -48,7 +45,7 @@ pub(super) struct State {
     /// 3D filter by block; empty if the scene has none.
     smoothing: Vec<Lanes>,
     stats: DensifyStats,
-    frame: Frame,
+    pub(super) frame: Frame,
     /// The update of the last step, deferred until the next view is known: then the update and the
     /// next projection run together, while the parameters are in the cache.
     pending: Option<Update>,
@@ -67,13 +64,13 @@ pub(super) const RECORD_BYTES: usize = 1 << 30;
 const IDLE_BYTES: usize = 256 << 20;
 
 /// The buffers of a step, kept between steps.
-struct Frame {
-    footprints: Vec<Footprint>,
-    bins: Bins,
-    records: TileRecords,
-    pixels: Vec<TilePixels>,
+pub(super) struct Frame {
+    pub(super) footprints: Vec<Footprint>,
+    pub(super) bins: Bins,
+    pub(super) records: TileRecords,
+    pub(super) pixels: Vec<TilePixels>,
     /// With supersampling, `pixels` holds the samples, and this the pixels of the image.
-    resolved: Vec<TilePixels>,
+    pub(super) resolved: Vec<TilePixels>,
     loss: LossBuffers,
     /// With supersampling, the gradient by the samples' radiance.
     sample_gradient: Vec<BlockGradient>,
@@ -110,7 +107,7 @@ impl Frame {
 }
 
 /// Returns the pixels of the image: the rasterised ones, or with supersampling their means.
-fn final_pixels<'a>(camera: &ScreenCamera, pixels: &'a [TilePixels], resolved: &'a [TilePixels]) -> &'a [TilePixels] {
+pub(super) fn final_pixels<'a>(camera: &ScreenCamera, pixels: &'a [TilePixels], resolved: &'a [TilePixels]) -> &'a [TilePixels] {
     if camera.samples == 1 { pixels } else { resolved }
 }
 
@@ -227,8 +224,8 @@ impl State {
         self.frame.records.set_limit(bytes);
     }
 
-    /// Runs the passes up to the image.
-    fn forward(&mut self, camera: &ScreenCamera, recording: Recording) {
+    /// Runs the passes up to the image, of the camera's light.
+    pub(super) fn forward(&mut self, camera: &ScreenCamera, recording: Recording) {
         self.project(camera);
         if recording == Recording::Nothing {
             self.frame.release_idle();
@@ -247,50 +244,8 @@ impl State {
         }
     }
 
-    /// Renders the image.
-    pub(super) fn render(&mut self, camera: &ScreenCamera) -> Image {
-        self.forward(camera, Recording::Nothing);
-        to_image(final_pixels(camera, &self.frame.pixels, &self.frame.resolved), &camera.without_supersampling())
-    }
-
-    /// Renders the image, alpha and depth.
-    pub(super) fn render_layers(&mut self, camera: &ScreenCamera) -> Layers {
-        self.forward(camera, Recording::Nothing);
-        let Self { level, frame, .. } = self;
-        let image_camera = camera.without_supersampling();
-        let pixels = final_pixels(camera, &frame.pixels, &frame.resolved);
-        let image = to_image(pixels, &image_camera);
-        let alpha = to_alpha(pixels, &image_camera);
-        // The same lists with the same thresholds, blended once more with distances in place of
-        // colours.
-        let on_nothing = ScreenCamera { background: [0.0; 3], ..camera.clone() };
-        frame.footprints.iter_mut().for_each(|footprint| footprint.radiance = [footprint.depth, 0.0, 0.0]);
-        let splats = ScreenSplats { bins: &frame.bins, footprints: &frame.footprints };
-        let inputs = TileInputs { level: *level, camera: &on_nothing, splats, recording: Recording::Nothing, channels: None };
-        sort_and_rasterize(&inputs, &mut frame.records, &mut frame.pixels);
-        if camera.samples > 1 {
-            resolve(&on_nothing, &frame.pixels, &mut frame.resolved);
-        }
-        let blended = to_image(final_pixels(camera, &frame.pixels, &frame.resolved), &image_camera);
-        let depth = |(pixel, alpha): (&[f32; 3], &f32)| if *alpha > 0.0 { pixel[0] / alpha } else { f32::INFINITY };
-        let depth = blended.pixels.iter().zip(&alpha).map(depth).collect();
-        Layers { image, alpha, depth }
-    }
-
-    /// Computes each splat's contributions. `mask` has the size of the image.
-    pub(super) fn contributions(&mut self, camera: &ScreenCamera, mask: &[f32]) -> Contributions {
-        self.forward(camera, Recording::Lists);
-        contribute(&self.tile_inputs(camera, Recording::Lists), &self.frame.records, mask, self.parameters.count)
-    }
-
-    /// Counts evaluations of splats at pixels.
-    pub(super) fn evaluations(&mut self, camera: &ScreenCamera) -> Evaluations {
-        self.forward(camera, Recording::Lists);
-        evaluations(&self.tile_inputs(camera, Recording::Lists), &self.frame.records)
-    }
-
     /// Returns what records of tiles are made from, after a forward pass.
-    fn tile_inputs<'a>(&'a self, camera: &'a ScreenCamera, recording: Recording) -> TileInputs<'a> {
+    pub(super) fn tile_inputs<'a>(&'a self, camera: &'a ScreenCamera, recording: Recording) -> TileInputs<'a> {
         let splats = ScreenSplats { bins: &self.frame.bins, footprints: &self.frame.footprints };
         TileInputs { level: self.level, camera, splats, recording, channels: None }
     }

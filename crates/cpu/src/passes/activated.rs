@@ -12,6 +12,7 @@ use luxel_core::engine::{ActivatedSplats, BlendOptions, ParameterRows, ScreenEll
 use luxel_core::{Real, each};
 use rayon::prelude::*;
 
+use super::color::BlockColor;
 use super::ellipse_backward::{ShapeGradient, compensation_backward, shape_backward};
 use super::encoding::Linear;
 use super::project::{Centered, Footprint, Projection, store_footprints};
@@ -60,6 +61,21 @@ pub(crate) struct EllipseRows<'a> {
 }
 
 impl EllipseRows<'_> {
+    /// Writes the zeros of a splat that is culled.
+    fn clear_splat(&mut self, lane: usize) {
+        self.mean_px[lane] = [0.0; 2];
+        self.covariance_px2[lane] = [0.0; 3];
+        self.conic[lane] = [0.0; 3];
+        self.depth[lane] = 0.0;
+        self.opacity[lane] = 0.0;
+        self.radius_px[lane] = [0; 2];
+    }
+
+    /// Writes the zeros of a block that is culled.
+    fn clear(&mut self) {
+        (0..self.depth.len()).for_each(|lane| self.clear_splat(lane));
+    }
+
     /// Divides a camera's part of the ellipses into blocks.
     pub(crate) fn blocks(
         ellipses: &mut ScreenEllipses,
@@ -86,15 +102,15 @@ impl EllipseRows<'_> {
     }
 }
 
-/// Projects a block. Writes the numbers of splats that are not culled to `out`, and returns a bit
-/// for each of those.
+/// Projects a block. Writes the numbers of its splats to `out`, zeros for those that are culled,
+/// and returns a bit for each of the others.
 #[inline(always)]
 pub(crate) fn project_activated<S: Simd>(
     simd: S,
     camera: &ScreenCamera,
     options: &BlendOptions,
     rows: &[Lanes; ROWS],
-    out: EllipseRows<'_>,
+    mut out: EllipseRows<'_>,
     footprints: &mut [Footprint],
 ) -> u16 {
     let c = |value: f32| V::splat(simd, value);
@@ -121,15 +137,20 @@ pub(crate) fn project_activated<S: Simd>(
     let bits = visible.to_bitmask() as u16;
     if bits == 0 {
         footprints.fill(Footprint::default());
+        out.clear();
         return 0;
     }
     centered.mask &= visible;
-    store_footprints(simd, camera, &p, &centered, [c(0.0); 3], footprints);
+    store_footprints(simd, camera, &p, &centered, BlockColor { brightest: c(0.0), radiance: [c(0.0); 3] }, footprints);
     let conic = [root[0] * root[0], root[0] * root[1], root[1].mul_add(root[1], root[2] * root[2])];
     let (mean, radius) = (each!([0, 1] i => mean[i].lanes()), each!([0, 1] i => radius[i].lanes()));
     let (covariance, conic) = (each!([0, 1, 2] i => p.covariance[i].lanes()), each!([0, 1, 2] i => conic[i].lanes()));
     let (depth, opacity) = (depth.lanes(), opacity.lanes());
-    for lane in (0..out.depth.len()).filter(|lane| bits >> lane & 1 == 1) {
+    for lane in 0..out.depth.len() {
+        if bits >> lane & 1 == 0 {
+            out.clear_splat(lane);
+            continue;
+        }
         out.mean_px[lane] = each!([0, 1] i => mean[i][lane]);
         out.covariance_px2[lane] = each!([0, 1, 2] i => covariance[i][lane]);
         out.conic[lane] = each!([0, 1, 2] i => conic[i][lane]);
@@ -156,6 +177,8 @@ pub(crate) struct EllipseLanes {
 pub(crate) struct SplatLanes<S: Simd> {
     /// In the order of the rows.
     pub(crate) rows: [V<S>; ROWS],
+    /// By the covariance in the world: xx, xy, xz, yy, yz, zz.
+    pub(crate) covariance: [V<S>; 6],
     /// By each number of the camera's map, row by row.
     pub(crate) camera: [V<S>; 12],
 }
@@ -185,6 +208,7 @@ pub(crate) fn project_activated_backward<S: Simd>(
         compensation_backward(&p, d_opacity * p.opacity * p.compensation, &mut d_covariance);
     }
     let ShapeGradient { d_sigma, d_rotation, d_jacobian } = shape_backward(&p, d_covariance);
+    let by_world = world_covariance_backward(&p, d_covariance);
     let mut d_point = point_backward(simd, camera, &p, d_jacobian, d_mean).d_point;
     d_point[2] = d_point[2] + load(&gradient.depth);
     let d_position = each!([0, 1, 2] i => {
@@ -215,8 +239,22 @@ pub(crate) fn project_activated_backward<S: Simd>(
     let d_camera = [a, b, cc, d, e, f, g, h, i, j, k, l];
     SplatLanes {
         rows: each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10] i => { let v = d_rows[i]; V::select(mask, finite(v), zero) }),
+        covariance: each!([0, 1, 2, 3, 4, 5] i => { let v = by_world[i]; V::select(mask, finite(v), zero) }),
         camera: each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11] i => { let v = d_camera[i]; V::select(mask, finite(v), zero) }),
     }
+}
+
+/// Returns the gradient by the covariance in the world from that by the one on the screen G: with
+/// the Jacobian J it is J^T G J. Off-diagonal numbers stand for both entries.
+#[inline(always)]
+fn world_covariance_backward<S: Simd>(p: &Projection<S>, [d_xx, d_xy, d_yy]: [V<S>; 3]) -> [V<S>; 6] {
+    let [first, second] = &p.jacobian;
+    let half = d_xy * 0.5;
+    // G J.
+    let gj = [each!([0, 1, 2] k => d_xx * first[k] + half * second[k]), each!([0, 1, 2] k => half * first[k] + d_yy * second[k])];
+    let entry = |j: usize, k: usize| first[j] * gj[0][k] + second[j] * gj[1][k];
+    let twice = |v: V<S>| v + v;
+    [entry(0, 0), twice(entry(0, 1)), twice(entry(0, 2)), entry(1, 1), twice(entry(1, 2)), entry(2, 2)]
 }
 
 /// Returns the gradient by the covariance from that by its inverse C: -C G C. Off-diagonal numbers

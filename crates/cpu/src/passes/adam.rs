@@ -2,7 +2,8 @@
 //! positions.
 //!
 //! In: gradient `[rows, 16]` of a block of splats, learning rates. Degenerate: without a gradient
-//! it counts as zero, and the moments decay all the same, as in 3DGS. In, out: parameters, moments.
+//! it counts as zero, and the moments decay all the same, as in 3DGS. With a learning rate of 0
+//! parameters and moments keep their bits. In, out: parameters, moments.
 
 use fearless_simd::Simd;
 use luxel_core::engine::{ADAM_EPSILON, AdamBetas, LearningRates, ParameterRows, PositionNoise, StepConfig};
@@ -134,6 +135,9 @@ fn move_row<S: Simd>(
     AdamRow { parameter, first, second }: AdamRow<'_>,
     gradient: Option<&Lanes>,
 ) {
+    if rate == 0.0 {
+        return;
+    }
     let c = |value: f32| V::splat(simd, value);
     // All loads before the stores: the three rows lie at equal offsets of their pages, so the
     // processor would take each load for one that depends on the store before it.

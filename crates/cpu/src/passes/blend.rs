@@ -17,7 +17,7 @@ use super::splat_channels::{FIRST, SplatChannels};
 use super::sums::EntryGradient;
 use super::tile_records::{Recording, TileInputs, TileRecords, Workbench};
 use crate::lanes::{LANES, Lanes};
-use crate::view::{BLOCKS, ScreenCamera, TILE_PX, block_of};
+use crate::view::{BLOCKS, ScreenCamera, TILE_BLOCKS, TILE_PX, block_of};
 
 /// The pixels of all tiles.
 #[derive(Default)]
@@ -58,18 +58,29 @@ pub(crate) fn to_channels(pixels: &ChannelPixels, camera: &ScreenCamera, count: 
     let (across, more) = (camera.tiles()[0], count.saturating_sub(FIRST));
     let rows = out.par_chunks_mut(width * count).zip(alpha.par_chunks_mut(width)).enumerate();
     rows.for_each(|(y, (row, alpha))| {
-        for (x, (pixel, alpha)) in row.chunks_mut(count).zip(alpha).enumerate() {
-            let tile = y / TILE_PX * across + x / TILE_PX;
-            let (block, lane) = block_of(x % TILE_PX, y % TILE_PX);
+        for (column, (out, alpha)) in row.chunks_mut(BLOCK * count).zip(alpha.chunks_mut(BLOCK)).enumerate() {
+            let tile = y / TILE_PX * across + column / TILE_BLOCKS;
+            let (block, lane) = block_of(column % TILE_BLOCKS * BLOCK, y % TILE_PX);
             let from = &pixels.tiles[tile].0[block];
-            let (first, others) = pixel.split_at_mut(count.min(FIRST));
-            for (out, channel) in first.iter_mut().zip(&from.radiance) {
-                *out = channel.0[lane];
+            let lanes = lane..lane + alpha.len();
+            for (alpha, transmittance) in alpha.iter_mut().zip(&from.transmittance.0[lanes.clone()]) {
+                *alpha = 1.0 - transmittance;
             }
-            for (out, channel) in others.iter_mut().zip(&pixels.more[(tile * BLOCKS + block) * more..]) {
-                *out = channel.0[lane];
+            if count == FIRST {
+                for (lane, pixel) in lanes.zip(out.as_chunks_mut::<FIRST>().0) {
+                    *pixel = each!([0, 1, 2] c => from.radiance[c].0[lane]);
+                }
+                continue;
             }
-            *alpha = 1.0 - from.transmittance.0[lane];
+            for (lane, pixel) in lanes.zip(out.chunks_mut(count)) {
+                let (first, others) = pixel.split_at_mut(count.min(FIRST));
+                for (out, channel) in first.iter_mut().zip(&from.radiance) {
+                    *out = channel.0[lane];
+                }
+                for (out, channel) in others.iter_mut().zip(&pixels.more[(tile * BLOCKS + block) * more..]) {
+                    *out = channel.0[lane];
+                }
+            }
         }
     });
 }
@@ -100,8 +111,18 @@ impl ChannelGradient {
         let at = |block: usize, channel: usize| {
             Lanes(std::array::from_fn(|lane| pixel(block, lane).map_or(0.0, |pixel| channels[pixel * count + channel])))
         };
-        self.first.par_iter_mut().enumerate().for_each(|(block, out)| {
-            *out = each!([0, 1, 2] c => if c < count { at(block, c) } else { Lanes::ZERO });
+        self.first.par_iter_mut().enumerate().with_min_len(64).for_each(|(block, out)| {
+            let (x, y) = (block % across * BLOCK, block / across * BLOCK);
+            if count == FIRST && x + BLOCK <= width && y + BLOCK <= height {
+                for row in 0..BLOCK {
+                    let (pixels, _) = channels[((y + row) * width + x) * FIRST..][..BLOCK * FIRST].as_chunks::<FIRST>();
+                    for (lane, pixel) in (row * BLOCK..).zip(pixels) {
+                        each!([0, 1, 2] c => out[c].0[lane] = pixel[c]);
+                    }
+                }
+            } else {
+                *out = each!([0, 1, 2] c => if c < count { at(block, c) } else { Lanes::ZERO });
+            }
         });
         if more > 0 {
             self.more.par_chunks_mut(more).enumerate().for_each(|(block, out)| {

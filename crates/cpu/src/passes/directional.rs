@@ -19,10 +19,26 @@ fn row_count(width: usize) -> usize {
     width.next_multiple_of(LANES)
 }
 
+/// Rows that are copied number by number: fewer are not worth a transposition.
+const FEW_ROWS: usize = 4;
+
 /// Transposes up to sixteen splats of `stride` numbers each to the first `width` rows.
 #[inline(always)]
 fn load_rows<S: Simd>(simd: S, numbers: &[f32], stride: usize, width: usize, rows: &mut [Lanes]) {
+    if width <= FEW_ROWS {
+        for (lane, splat) in numbers.chunks_exact(stride).enumerate() {
+            rows.iter_mut().zip(&splat[..width]).for_each(|(row, number)| row.0[lane] = *number);
+        }
+        return;
+    }
+    let is_whole = numbers.len() == LANES * stride;
     for (first, rows) in (0..width).step_by(LANES).zip(rows.chunks_mut(LANES)) {
+        if is_whole && first + LANES <= width {
+            let splats =
+                each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] i => V::load_slice(simd, &numbers[i * stride + first..]));
+            V::transpose(splats).into_iter().zip(rows).for_each(|(row, lanes)| row.store(lanes));
+            continue;
+        }
         let mut block = [Lanes::ZERO; LANES];
         for (splat, lanes) in numbers.chunks(stride).zip(&mut block) {
             let numbers = &splat[first..width.min(first + LANES)];
@@ -34,10 +50,25 @@ fn load_rows<S: Simd>(simd: S, numbers: &[f32], stride: usize, width: usize, row
 }
 
 /// Transposes the first `width` rows to up to sixteen splats of `stride` numbers each, whose other
-/// numbers stay.
+/// numbers become 0.
 #[inline(always)]
 fn store_rows<S: Simd>(simd: S, rows: &[Lanes], width: usize, stride: usize, numbers: &mut [f32]) {
+    if width < stride {
+        numbers.chunks_exact_mut(stride).for_each(|splat| splat[width..].fill(0.0));
+    }
+    if width <= FEW_ROWS {
+        for (lane, splat) in numbers.chunks_exact_mut(stride).enumerate() {
+            splat[..width].iter_mut().zip(rows).for_each(|(number, row)| *number = row.0[lane]);
+        }
+        return;
+    }
+    let is_whole = numbers.len() == LANES * stride;
     for (first, rows) in (0..width).step_by(LANES).zip(rows.chunks(LANES)) {
+        if is_whole && first + LANES <= width {
+            let rows = each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] i => V::load(simd, &rows[i]));
+            V::transpose(rows).into_iter().enumerate().for_each(|(i, splat)| splat.store_slice(&mut numbers[i * stride + first..]));
+            continue;
+        }
         let mut block = [Lanes::ZERO; LANES];
         block.copy_from_slice(rows);
         transpose(simd, &mut block);
@@ -134,10 +165,9 @@ fn visible_bits(colors: &DirectionalColors<'_>, camera: usize, first: usize, end
     })
 }
 
-/// Evaluates all colours.
-pub(crate) fn directional_colors(level: Level, colors: &DirectionalColors<'_>) -> Vec<[f32; 3]> {
+/// Evaluates all colours into `out`, whose contents are arbitrary.
+pub(crate) fn directional_colors(level: Level, colors: &DirectionalColors<'_>, mut out: Vec<[f32; 3]>) -> Vec<[f32; 3]> {
     let (count, layout) = (colors.position.len(), Layout::new(colors));
-    let mut out = vec![[0.0; 3]; count * colors.eye.len()];
     if count == 0 {
         return out;
     }
@@ -150,6 +180,7 @@ pub(crate) fn directional_colors(level: Level, colors: &DirectionalColors<'_>) -
                     let end = first + out.len();
                     let bits = visible_bits(colors, camera, first, end);
                     if bits == 0 {
+                        out.fill([0.0; 3]);
                         continue;
                     }
                     rows.load(simd, colors, &layout, camera, first, end);
@@ -157,8 +188,8 @@ pub(crate) fn directional_colors(level: Level, colors: &DirectionalColors<'_>) -
                     let (sh, luminance) = (&rows.sh, &rows.luminance);
                     let radiance = colors.model.radiance(&basis, |m, c| V::load(simd, &sh[3 * m + c]), |m| V::load(simd, &luminance[m]));
                     let radiance = each!([0, 1, 2] c => radiance[c].lanes());
-                    for (lane, out) in out.iter_mut().enumerate().filter(|(lane, _)| bits >> lane & 1 == 1) {
-                        *out = each!([0, 1, 2] c => radiance[c][lane]);
+                    for (lane, out) in out.iter_mut().enumerate() {
+                        *out = if bits >> lane & 1 == 1 { each!([0, 1, 2] c => radiance[c][lane]) } else { [0.0; 3] };
                     }
                 }
             });
@@ -175,16 +206,18 @@ struct ChunkGradient<'a> {
     sh: Vec<&'a mut [f32]>,
 }
 
-/// Differentiates all colours.
-pub(crate) fn directional_backward(level: Level, colors: &DirectionalColors<'_>, gradient: &[[f32; 3]]) -> ColorGradient {
+/// Differentiates all colours into `out`, whose contents are arbitrary.
+pub(crate) fn directional_backward(
+    level: Level,
+    colors: &DirectionalColors<'_>,
+    gradient: &[[f32; 3]],
+    mut out: ColorGradient,
+) -> ColorGradient {
     let (count, layout) = (colors.position.len(), Layout::new(colors));
-    let mut out = ColorGradient {
-        position: vec![[0.0; 3]; count],
-        eye: vec![[0.0; 3]; colors.eye.len()],
-        sh: vec![0.0; colors.sh.len()],
-        raw_luminance: vec![0.0; colors.raw_luminance.len()],
-    };
     if count == 0 || colors.eye.is_empty() {
+        out.position.fill([0.0; 3]);
+        out.sh.fill(0.0);
+        out.raw_luminance.fill(0.0);
         return out;
     }
     let splats = CHUNK * LANES;

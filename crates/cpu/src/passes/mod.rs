@@ -24,6 +24,7 @@ pub(crate) mod color_backward;
 pub(crate) mod contribute;
 pub(crate) mod densify;
 pub(crate) mod directional;
+pub(crate) mod dropout;
 pub(crate) mod ellipse_backward;
 pub(crate) mod encoding;
 pub(crate) mod evaluations;

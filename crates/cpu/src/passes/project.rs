@@ -13,6 +13,8 @@ use fearless_simd::prelude::*;
 use luxel_core::engine::{MIN_AREA_RATIO, ParameterRows};
 use luxel_core::{Real, each};
 
+use super::color::{BlockColor, color};
+use super::dropout::drawn;
 use super::encoding::{Encoding, Logarithmic};
 use crate::lanes::{LANES, Lanes, M, V, dot};
 use crate::rays::Touch;
@@ -283,14 +285,15 @@ pub(crate) fn project_block<S: Simd>(
     out: &mut [Footprint],
 ) {
     let alive = count - (index * LANES).min(count);
-    let p = Projection::new::<Logarithmic>(simd, camera, rows, smoothing.get(index));
+    let mut p = Projection::new::<Logarithmic>(simd, camera, rows, smoothing.get(index));
+    p.opacity = drawn(simd, camera, index, p.opacity);
     let centered = Centered::new(simd, camera, rows, &p, alive);
     if !centered.mask.any_true() {
         out.fill(Footprint::zeroed());
         return;
     }
-    let radiance = super::color::color(simd, camera, layout, rows);
-    store_footprints(simd, camera, &p, &centered, radiance, out);
+    let color = color(simd, camera, layout, rows);
+    store_footprints(simd, camera, &p, &centered, color, out);
 }
 
 /// Writes the footprints of a block's splats, as they look from the camera.
@@ -300,11 +303,10 @@ pub(crate) fn store_footprints<S: Simd>(
     camera: &ScreenCamera,
     p: &Projection<S>,
     &Centered { mean, depth, opacity, mut mask }: &Centered<S>,
-    radiance: [V<S>; 3],
+    BlockColor { brightest, radiance }: BlockColor<S>,
     out: &mut [Footprint],
 ) {
     let c = |value: f32| V::splat(simd, value);
-    let brightest = radiance[0].max(radiance[1]).max(radiance[2]);
     let [log2_opacity, log2_threshold] = thresholds(simd, camera, opacity, brightest);
     let radius2 = (log2_opacity - log2_threshold) * (2.0 * std::f32::consts::LN_2);
     let extent = each!([0, 2] i => (p.covariance[i] * radius2.max(c(0.0))).sqrt());
@@ -318,7 +320,12 @@ pub(crate) fn store_footprints<S: Simd>(
     // Comparisons with NaN are false, so of the values used above only the root can still be
     // infinite or NaN.
     let finite = root[0].lt(c(f32::MAX)) & root[1].abs().lt(c(f32::MAX)) & root[2].lt(c(f32::MAX));
-    mask = mask & finite & root[0].gt(c(0.0)) & root[2].gt(c(0.0)) & (extent[0] + extent[1]).lt(c(1e9)) & brightest.lt(c(f32::MAX));
+    mask = mask
+        & finite
+        & root[0].gt(c(0.0))
+        & root[2].gt(c(0.0))
+        & (extent[0] + extent[1]).lt(c(1e9))
+        & finite_color(simd, brightest, radiance);
     let right_dy = extent[0] * p.covariance[1] / p.covariance[0];
     let tiles = each!([0, 1] i => tile_range(camera, i, Interval { center: mean[i], half_length: extent[i] }, mask));
 
@@ -343,6 +350,13 @@ pub(crate) fn store_footprints<S: Simd>(
     for (footprint, fields) in bytemuck::cast_slice_mut(out).iter_mut().zip(V::transpose(fields)) {
         fields.store(footprint);
     }
+}
+
+/// Returns where a colour is finite, with and without the gain.
+#[inline(always)]
+pub(crate) fn finite_color<S: Simd>(simd: S, brightest: V<S>, radiance: [V<S>; 3]) -> M<S> {
+    let limit = V::splat(simd, f32::MAX);
+    brightest.lt(limit) & radiance[0].max(radiance[1]).max(radiance[2]).lt(limit)
 }
 
 /// Returns log2 of the opacity, and of the alpha below which a splat of this brightness is skipped.

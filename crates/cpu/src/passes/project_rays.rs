@@ -15,8 +15,10 @@ use fearless_simd::prelude::*;
 use luxel_core::engine::ParameterRows;
 use luxel_core::{Real, each};
 
+use super::color::{BlockColor, color};
+use super::dropout::drawn;
 use super::encoding::Logarithmic;
-use super::project::{Footprint, Linearised, Projection, SQRT_HALF_LOG2_E, thresholds};
+use super::project::{Footprint, Linearised, Projection, SQRT_HALF_LOG2_E, finite_color, thresholds};
 use crate::lanes::{LANES, Lanes, V, dot};
 use crate::rays::RayTable;
 use crate::store::{Block, StoreShape};
@@ -107,7 +109,8 @@ pub(crate) fn project_block<S: Simd>(
 ) {
     let c = |value: f32| V::splat(simd, value);
     let alive = count - (index * LANES).min(count);
-    let (p, facing) = project_to_plane(simd, camera, rays, rows, smoothing.get(index));
+    let (mut p, facing) = project_to_plane(simd, camera, rays, rows, smoothing.get(index));
+    p.opacity = drawn(simd, camera, index, p.opacity);
     let opacity = p.opacity * p.compensation * p.filter_factor;
     let floor = c(camera.cutoffs.alpha_floor.min(camera.cutoffs.min_alpha));
     let widest = (opacity / floor).max(c(1.0)).ln() * 2.0;
@@ -120,11 +123,10 @@ pub(crate) fn project_block<S: Simd>(
         return;
     }
 
-    let radiance = super::color::color(simd, camera, layout, rows);
-    let brightest = radiance[0].max(radiance[1]).max(radiance[2]);
+    let BlockColor { brightest, radiance } = color(simd, camera, layout, rows);
     let [log2_opacity, log2_threshold] = thresholds(simd, camera, opacity, brightest);
     let matrix = footprint_rows(&p, &facing);
-    mask = mask & (log2_opacity - log2_threshold).gt(c(0.0)) & brightest.lt(c(f32::MAX));
+    mask = mask & (log2_opacity - log2_threshold).gt(c(0.0)) & finite_color(simd, brightest, radiance);
     // Comparisons with NaN are false.
     for row in matrix {
         mask = mask & dot(row, row).lt(c(f32::MAX)) & dot(row, row).gt(c(0.0));

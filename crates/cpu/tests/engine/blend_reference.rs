@@ -48,7 +48,7 @@ fn dot<N: Number, const L: usize>(a: [N; L], b: [N; L]) -> N {
     (0..L).fold(N::of(0.0), |sum, i| sum + a[i] * b[i])
 }
 
-fn rotation_matrix<N: Number>(q: [N; 4]) -> [[N; 3]; 3] {
+pub fn rotation_matrix<N: Number>(q: [N; 4]) -> [[N; 3]; 3] {
     let norm = dot(q, q).sqrt();
     let [w, x, y, z] = q.map(|c| c / norm);
     let (one, two) = (N::of(1.0), N::of(2.0));

@@ -2,12 +2,12 @@
 
 use luxel_core::engine::{
     AbsoluteMeans, ActivatedSplats, BlendOptions, Channels, Differentiable, DirectionalColors, EllipseGradient, MatrixCamera,
-    PixelGradient, ScreenEllipses,
+    PixelGradient, ScreenEllipses, ShapeParameters,
 };
 use luxel_core::{Activation, ColorBasis, ColorModel};
 use luxel_cpu::CpuEngine;
 
-use crate::blend_reference::{Ellipse, Inputs, blend, project};
+use crate::blend_reference::{Ellipse, Inputs, blend, project, rotation_matrix};
 use crate::fixture::{self, Rng};
 use crate::number::{Gradient, Number, Var, gradient, variables};
 
@@ -185,6 +185,23 @@ fn derivatives<const N: usize>(gradient: &Gradient, rows: &[[Var; N]]) -> Vec<f6
 /// Numbers of f32 relative to the largest of an array: sums over pixels and splats round.
 const TOLERANCE: f64 = 2e-5;
 
+/// Checks that gradients by scales follow from those by covariances G: with axes r and scales s,
+/// a covariance is the sum of s^2 r r^T, and the derivative by s is 2 s r^T G r.
+fn check_scales(scene: &Scene, by_covariance: &[[f32; 6]], by_scale: &[[f32; 3]]) {
+    let mut expected = Vec::new();
+    let mut found = Vec::new();
+    for (i, [xx, xy, xz, yy, yz, zz]) in by_covariance.iter().map(|row| row.map(f64::from)).enumerate() {
+        let axes = rotation_matrix(scene.rotation[i].map(f64::from));
+        for k in 0..3 {
+            let [x, y, z] = axes.map(|row| row[k]);
+            let form = xx * x * x + yy * y * y + zz * z * z + xy * x * y + xz * x * z + yz * y * z;
+            expected.push(2.0 * f64::from(scene.scale[i][k]) * form);
+            found.push(by_scale[i][k]);
+        }
+    }
+    assert_near("scales by covariances", &found, &expected, TOLERANCE);
+}
+
 /// Checks ellipses, images and all gradients of a scene.
 fn check(scene: &Scene, seed: u64) {
     let engine = CpuEngine::new(2).unwrap();
@@ -244,8 +261,14 @@ fn check(scene: &Scene, seed: u64) {
         conic: Some(&weights.conic),
         depth: Some(&weights.depth),
         opacity: Some(&sum(&by_blend.opacity, &weights.opacity)),
+        shape: ShapeParameters::RotationAndScale,
     };
+    let by_covariance = projected.backward(&EllipseGradient { shape: ShapeParameters::Covariance, ..by_ellipses }).unwrap();
+    assert!(by_covariance.rotation.is_empty() && by_covariance.scale.is_empty());
     let found = projected.backward(&by_ellipses).unwrap();
+    assert!(found.covariance.is_empty());
+    assert_eq!(by_covariance.position, found.position);
+    check_scales(scene, &by_covariance.covariance, &found.scale);
     assert_near("position", found.position.as_flattened(), &derivatives(&exact, &inputs.position), TOLERANCE);
     assert_near("rotation", found.rotation.as_flattened(), &derivatives(&exact, &inputs.rotation), TOLERANCE);
     assert_near("scale", found.scale.as_flattened(), &derivatives(&exact, &inputs.scale), TOLERANCE);

@@ -3,8 +3,8 @@
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use luxel_core::engine::{AdamBetas, CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
 use luxel_core::{
-    Antialias, Camera, CameraProjection, ColorModel, Cutoffs, Distortion, Image, LossWeights, Mask, PixelValues, RasterConfig,
-    RenderOptions, SH_OFFSET, Splat, Splats, Target, View, random, sh,
+    Activation, Antialias, Camera, CameraProjection, ColorModel, Cutoffs, Distortion, Image, LossWeights, Mask, Mix, PixelValues,
+    RasterConfig, RenderOptions, SH_OFFSET, Splat, Splats, Target, View, random, sh,
 };
 
 /// Counter-based random numbers.
@@ -69,7 +69,7 @@ fn color(model: ColorModel, rgb: [f32; 3], variation: f32, rng: &mut Rng) -> (Ve
     let mut harmonics = dc.to_vec();
     let amplitude = match model {
         ColorModel::Sh { .. } => variation * (rgb.iter().sum::<f32>() / 3.0 + SH_OFFSET),
-        ColorModel::Lcd { .. } => variation,
+        ColorModel::Lcd { .. } | ColorModel::Mix(_) => variation,
     };
     harmonics.extend((3..3 * model.sh_coefficients()).map(|_| amplitude * rng.normal()));
     let mut luminance = vec![raw; model.luminance_coefficients().min(1)];
@@ -198,6 +198,7 @@ pub fn step(step: u32, render: RenderOptions) -> StepConfig {
         learning_rates: LEARNING_RATES,
         betas: AdamBetas::default(),
         position_noise: None,
+        dropout: None,
         stats: StatsCollection::GradientsAndAbsolute,
         camera_gradient: CameraGradientChoice::Skip,
     }
@@ -206,4 +207,35 @@ pub fn step(step: u32, render: RenderOptions) -> StepConfig {
 /// Returns the 3D filter of splat `i`, world units.
 pub fn smoothing(count: usize) -> Vec<f32> {
     (0..count).map(|i| 0.02 + 0.01 * (i % 5) as f32).collect()
+}
+
+/// Returns a mix of splats of equal geometry, each light with its gain in every splat.
+pub fn mix(lights: &[(&Splats, f32)]) -> Splats {
+    let first = lights[0].0;
+    let color_model = ColorModel::Mix(Mix::new(lights.iter().map(|(splats, _)| splats.color_model)).unwrap());
+    let mut mixed = Splats { color_model, sh: Vec::new(), raw_luminance: Vec::new(), ..first.clone() };
+    for i in 0..first.len() {
+        for (splats, gain) in lights {
+            mixed.sh.extend_from_slice(splats.sh_of(i));
+            mixed.raw_luminance.push(*gain);
+            mixed.raw_luminance.extend_from_slice(splats.raw_luminance_of(i));
+        }
+    }
+    mixed
+}
+
+/// Returns the splats of `geometry` with the colours of others of the same number.
+pub fn with_colors_of(geometry: &Splats, colors: &Splats) -> Splats {
+    Splats { color_model: colors.color_model, sh: colors.sh.clone(), raw_luminance: colors.raw_luminance.clone(), ..geometry.clone() }
+}
+
+/// Returns the scenes of three lights on equal geometry, of different colour models, with their
+/// gains.
+pub fn three_lights(camera: &Camera, count: usize) -> Vec<(Splats, f32)> {
+    let lcd = |chroma_degree, luminance_degree, activation| ColorModel::Lcd { chroma_degree, luminance_degree, activation };
+    let models = [ColorModel::Sh { degree: 3 }, lcd(3, 1, Activation::Softplus), lcd(1, 0, Activation::Exp)];
+    let first = splats(models[0], count, camera, 3);
+    let seeds = [3, 11, 19];
+    let light = |(model, seed)| with_colors_of(&first, &splats(model, count, camera, seed));
+    models.into_iter().zip(seeds).map(light).zip([1.0, 0.3, 2.5]).collect()
 }

@@ -8,13 +8,14 @@ use luxel_core::edit::Contributions;
 use luxel_core::engine::{CameraGradientChoice, DensifyPlan, DensifyStats, Geometry, SparseGradients, StepConfig};
 use luxel_core::{Camera, Engine, EngineError, Image, Moments, Pass, PassTime, RenderOptions, Splats, StepReport, View};
 
+use super::lights::of_one_light;
 use super::{GpuEngine, Submission, step_report};
 use crate::densify;
 use crate::device::resume;
 use crate::layout::HALT_NONE;
 use crate::pending::LAG;
 use crate::scene::GpuScene;
-use crate::screen::{check, supersampled};
+use crate::screen::check;
 
 impl Engine for GpuEngine {
     fn load(&mut self, splats: &Splats, moments: Option<&Moments>) -> Result<(), EngineError> {
@@ -45,12 +46,10 @@ impl Engine for GpuEngine {
     fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {
         check(camera)?;
         self.wait_idle_checked()?;
-        self.run(&Submission::Render { camera, options })?;
-        let (sampled, samples) = supersampled(camera, options);
-        let [width, height] = sampled.size_px.map(|side| side as usize);
-        let bytes = self.gpu.read(&self.frame.pixels.image, 12 * (width * height) as u64)?;
-        let image = Image { width, height, pixels: bytemuck::pod_collect_to_vec(&bytes) };
-        Ok(if samples == 1 { image } else { image.block_means(samples as usize) })
+        let lights = self.scene.rows.color_model.lights();
+        let options = &of_one_light(options, lights);
+        let image = self.render_light(camera, options, 0)?;
+        (1..lights).try_fold(image, |image, light| Ok(image.plus(self.render_light(camera, options, light)?)))
     }
 
     fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError> {
@@ -60,17 +59,14 @@ impl Engine for GpuEngine {
             return Err(EngineError::invalid(format!("mask holds {} pixels, the camera's image {pixels}", mask.len())));
         }
         self.wait_idle_checked()?;
-        let bytes = 16 * self.scene.count as u64;
-        let (mask, out) = (self.upload_mask(mask)?, self.gpu.storage("contributions", bytes)?);
-        self.run(&Submission::Contributions { camera, options, mask: &mask, out: &out })?;
-        // Cached bindings would keep the buffers alive.
-        self.commands.forget();
-        let sums: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&self.gpu.read(&out, bytes)?);
-        let row = |k: usize| sums.iter().map(|sums| sums[k]).collect();
-        Ok(Contributions { masked: row(0), blended: row(1), unoccluded: row(2), light: row(3) })
+        let mask = self.upload_mask(mask)?;
+        let lights = self.scene.rows.color_model.lights();
+        let lights: Result<Vec<_>, _> = (0..lights).map(|light| self.contributions_of_light(camera, options, light, &mask)).collect();
+        Ok(Contributions::of_lights(lights?))
     }
 
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
+        self.scene.rows.color_model.check_trainable()?;
         view.validate()?;
         if let Some(report) = self.latest.filter(|_| self.diverged.is_some()) {
             return Ok(report);
@@ -101,6 +97,7 @@ impl Engine for GpuEngine {
     }
 
     fn camera_gradient(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
+        self.scene.rows.color_model.check_trainable()?;
         view.validate()?;
         self.wait_idle_checked()?;
         let state = self.run(&Submission::CameraGradient { view, step })?;

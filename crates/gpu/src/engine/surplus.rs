@@ -35,7 +35,8 @@ impl GpuEngine {
         let gradients = &frame.entries.gradients.raw;
         gpu.queue.write_buffer(gradients, 0, bytemuck::cast_slice(&vec![f32::NAN; gradients.size() as usize / 4]));
         let target = targets.get(gpu, view)?;
-        let mut recorder = Recorder { gpu, commands, frame, scene, size_px: view.camera.size_px, samples: 1, pixels: PixelKind::Places };
+        let mut recorder =
+            Recorder { gpu, commands, frame, scene, size_px: view.camera.size_px, samples: 1, pixels: PixelKind::Places, light: 0 };
         recorder.forward_from_bin();
         recorder.backward(target, VignettingKind::of(view));
         recorder.update(Some(GradientOutput { gradients: &out, statistics: None }));

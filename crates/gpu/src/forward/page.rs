@@ -23,7 +23,7 @@ use crate::layout::{
 const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../view/src/page/gpu/forward.js");
 const MODEL: ColorModel = ColorModel::Sh { degree: 3 };
 
-/// Returns every colour model.
+/// Returns every colour model of one light.
 fn models() -> Vec<ColorModel> {
     let activations = [Activation::Softplus, Activation::Exp, Activation::Relu];
     let lcd = |chroma_degree: u8| {
@@ -78,7 +78,7 @@ fn kernels(list: &[Dispatch]) -> [Value; 2] {
     let mut texts = vec![constants()];
     let mut kernels = BTreeMap::new();
     for kernel in list.iter().map(|dispatch| dispatch.kernel) {
-        let has_model = matches!(kernel, KernelId::Project(_));
+        let has_model = matches!(kernel, KernelId::Project(..));
         let mut numbers = vec![0];
         for file in kernel.files() {
             let known = texts.iter().position(|text| text == file);
@@ -87,7 +87,7 @@ fn kernels(list: &[Dispatch]) -> [Value; 2] {
                 texts.len() - 1
             }));
         }
-        let model = has_model.then(|| model_constants(MODEL, Update::Parameters));
+        let model = has_model.then(|| model_constants(MODEL, 0, Update::Parameters));
         let parts = [texts[0].clone(), model.unwrap_or_default()].concat();
         let whole = numbers[1..].iter().fold(parts, |whole, n| whole + "\n" + &texts[*n]);
         assert!(whole == source(kernel), "{kernel:?} has another text in the page");
@@ -99,10 +99,10 @@ fn kernels(list: &[Dispatch]) -> [Value; 2] {
 
 fn forward() -> Value {
     let last = TILE_DIGITS as usize;
-    let all: Vec<Dispatch> = [project(MODEL, PixelKind::Places)].into_iter().chain(after_projection(last)).collect();
+    let all: Vec<Dispatch> = [project(MODEL, 0, PixelKind::Places)].into_iter().chain(after_projection(last)).collect();
     let extents: Map<String, Value> = (1..=last)
         .flat_map(after_projection)
-        .chain([project(MODEL, PixelKind::Places)])
+        .chain([project(MODEL, 0, PixelKind::Places)])
         .flat_map(|dispatch| dispatch.bindings)
         .chain([super::at(0, Resource::Dispatches)])
         .map(|bound| {
@@ -120,10 +120,10 @@ fn forward() -> Value {
     };
     let [texts, kernels] = kernels(&all);
     let constants: Map<String, Value> =
-        models().into_iter().map(|model| (model.name(), model_constants(model, Update::Parameters).into())).collect();
+        models().into_iter().map(|model| (model.name(), model_constants(model, 0, Update::Parameters).into())).collect();
     json!({
-        "camera": fields(KernelId::Project(MODEL), "Camera"),
-        "shard": fields(KernelId::Project(MODEL), "Shard"),
+        "camera": fields(KernelId::Project(MODEL, 0), "Camera"),
+        "shard": fields(KernelId::Project(MODEL, 0), "Shard"),
         "state": fields(KernelId::BinScan, "State"),
         "flags": { "compensation": FLAG_COMPENSATION, "smoothing": FLAG_SMOOTHING, "minContribution": FLAG_MIN_CONTRIBUTION },
         "halt": { "none": HALT_NONE, "overflow": HALT_OVERFLOW },
@@ -133,7 +133,7 @@ fn forward() -> Value {
             "expectedTiles": EXPECTED_TILES, "jacobianMargin": JACOBIAN_MARGIN,
         },
         "extents": extents,
-        "project": dispatch(&project(MODEL, PixelKind::Places)),
+        "project": dispatch(&project(MODEL, 0, PixelKind::Places)),
         "afterProjection": (1..=last).map(|digits| (digits.to_string(), dispatches(&after_projection(digits)))).collect::<Map<_, _>>(),
         "kernels": kernels,
         "texts": texts,

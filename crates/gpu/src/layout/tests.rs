@@ -34,7 +34,7 @@ const MODEL: ColorModel = ColorModel::Sh { degree: 3 };
 #[test]
 fn structures_lie_in_memory_as_the_shaders_expect() {
     let update = KernelId::ProjectBackward(MODEL, Update::Parameters);
-    let lens_fields = KernelId::ProjectRays(MODEL);
+    let lens_fields = KernelId::ProjectRays(MODEL, 0);
     check!(
         lens_fields,
         "Lens",
@@ -81,7 +81,11 @@ fn structures_lie_in_memory_as_the_shaders_expect() {
             flags,
             count,
             entry_capacity,
-            samples
+            samples,
+            dropout_rate,
+            opacity_factor,
+            dropout_seed,
+            padding
         ]
     );
     check!(update, "Shard", ShardUniform, [base, len, stride, padding]);

@@ -41,6 +41,10 @@ fn update_parameter(row: u32, i: u32, gradient: f32, rate: f32) {
         first[at] = gradient;
         return;
     }
+    // Frozen: parameters and moments keep their bits.
+    if (rate == 0.0) {
+        return;
+    }
     let m = first[at] * optimizer.beta_1 + gradient * (1.0 - optimizer.beta_1);
     let v = second[at] * optimizer.beta_2 + (gradient * gradient) * (1.0 - optimizer.beta_2);
     first[at] = m;

@@ -1,6 +1,6 @@
-// Pass `color`: computes the radiance of a splat towards the camera. Twins: core/color.rs and
-// core/sh.rs (the formulas), cpu/passes/color.rs. It runs within `project` for visible splats, and
-// again within `project_backward`.
+// Pass `color`: computes the radiance of a splat towards the camera, of one light. Twins:
+// core/color/light.rs and core/sh.rs (the formulas), cpu/passes/color.rs. It runs within `project`
+// for visible splats, and again within `project_backward`.
 
 // Values of the harmonics up to `degree` at the unit vector v.
 fn sh_basis(degree: u32, v: vec3f) -> array<f32, 36> {
@@ -125,6 +125,14 @@ fn response(basis: ptr<function, array<f32, 36>>, i: u32) -> vec4f {
         }
     }
     return vec4f(sum, raw);
+}
+
+// The splat's gain of the light, in a mix.
+fn gain_of(i: u32) -> f32 {
+    if (HAS_GAIN) {
+        return parameter(ROW_GAIN, i);
+    }
+    return 1.0;
 }
 
 fn radiance_of(response: vec4f) -> vec3f {

@@ -1,5 +1,5 @@
 // Pass `color_backward`: computes the gradient by the colour model's coefficients and by the
-// viewing direction. Twins: core/color.rs and core/sh.rs (the formulas),
+// viewing direction. Twins: core/color/light.rs and core/sh.rs (the formulas),
 // cpu/passes/color_backward.rs. It runs within `project_backward`.
 
 // Gradient by direction of a sum over the basis: sum over m of w[m] grad Y_m(v), of the polynomials
@@ -85,7 +85,7 @@ fn sh_basis_gradient(degree: u32, v: vec3f, w: ptr<function, array<f32, 36>>) ->
 // v v^T) dE/dv / |position - eye|. A splat that is not visible has no gradient, but its moments
 // decay.
 fn color_backward(i: u32, is_visible: bool, d_radiance: vec3f) -> vec3f {
-    let degree = min(camera.active_degree, MAX_MODEL_DEGREE);
+    let degree = min(camera.active_degree, MAX_LIGHT_DEGREE);
     var direction = vec4f(0.0);
     var basis: array<f32, 36>;
     var d_basis: array<f32, 36>;

@@ -30,6 +30,12 @@ struct Camera {
     entry_capacity: u32,
     // Samples along the side of an image pixel. In all passes but the loss, "pixel" means a sample.
     samples: u32,
+    // The share of splats that the step leaves out, the factor of the others' opacities, and the
+    // seed of the choice.
+    dropout_rate: f32,
+    opacity_factor: f32,
+    dropout_seed: u32,
+    padding: u32,
 }
 
 // The splats of one shard: a run of the scene's splats whose parameters share buffers.

@@ -23,6 +23,19 @@ fn depth_key(depth: f32) -> u32 {
     return min((max(bits, near) - near) >> 1u, CULLED_KEY - 1u);
 }
 
+// Finaliser of MurmurHash3 (Appleby 2011). Twin: core/random.rs.
+fn mix32(value: u32) -> u32 {
+    var h = (value ^ (value >> 16u)) * 0x85ebca6bu;
+    h = (h ^ (h >> 13u)) * 0xc2b2ae35u;
+    return h ^ (h >> 16u);
+}
+
+// Reports whether the step draws a splat. Twin: core/engine/dropout.rs.
+fn is_drawn(splat: u32) -> bool {
+    let uniform_number = f32(mix32(mix32(splat + 0x9e3779b9u) ^ camera.dropout_seed) >> 8u) / 16777216.0;
+    return uniform_number >= camera.dropout_rate;
+}
+
 @compute @workgroup_size(256)
 fn project(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
     let i = group_index(workgroup) * 256u + local;
@@ -32,9 +45,12 @@ fn project(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_in
     let splat = shard.base + i;
     depth_keys[splat] = CULLED_KEY;
     places[splat] = vec2u(0u);
+    if (!is_drawn(splat)) {
+        return;
+    }
 
     let p = project_splat(i);
-    let opacity = p.opacity * p.compensation * p.filter_factor;
+    let opacity = p.opacity * p.compensation * p.filter_factor * camera.opacity_factor;
     // A splat whose largest possible footprint misses the image skips colour and the rest.
     let floor_alpha = min(camera.alpha_floor, camera.min_alpha);
     let widest = log(max(opacity / floor_alpha, 1.0)) * 2.0;
@@ -43,9 +59,11 @@ fn project(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_in
     }
 
     let direction = view_direction(i);
-    var basis = sh_basis(min(camera.active_degree, MAX_MODEL_DEGREE), direction.xyz);
+    var basis = sh_basis(min(camera.active_degree, MAX_LIGHT_DEGREE), direction.xyz);
     let radiance = radiance_of(response(&basis, i));
     let brightest = max(radiance.x, max(radiance.y, radiance.z));
+    // Cut-offs follow the radiance before the gain: a light of a mix is cut off as in its scene.
+    let gain = gain_of(i);
     var threshold = camera.min_alpha;
     if ((camera.flags & FLAG_MIN_CONTRIBUTION) != 0u) {
         threshold = min(camera.min_contribution / max(brightest, 1e-30), camera.min_alpha);
@@ -54,16 +72,16 @@ fn project(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_in
     let log2_opacity = log(max(opacity, 1e-30)) * LOG2_E;
     let log2_threshold = log(threshold) * LOG2_E;
     let root = inverse_root(p) * SQRT_HALF_LOG2_E;
-    let finite = is_finite(root.x) && is_finite(root.y) && is_finite(root.z) && is_finite(brightest);
+    let finite = is_finite(root.x) && is_finite(root.y) && is_finite(root.z) && is_finite(brightest) && is_finite(brightest * gain);
     if (!(log2_opacity > log2_threshold && finite && root.x > 0.0 && root.z > 0.0)) {
         return;
     }
     var f: Footprint;
     f.log2_opacity = log2_opacity;
     f.log2_threshold = log2_threshold;
-    f.red = radiance.x;
-    f.green = radiance.y;
-    f.blue = radiance.z;
+    f.red = radiance.x * gain;
+    f.green = radiance.y * gain;
+    f.blue = radiance.z * gain;
     if (!place(p, root, &f)) {
         return;
     }

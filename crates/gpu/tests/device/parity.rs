@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use luxel_core::engine::{DensifyPlan, PlanRow, PositionNoise, StatsCollection, StepConfig};
+use luxel_core::engine::{DensifyPlan, Dropout, PlanRow, PositionNoise, StatsCollection, StepConfig};
 use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, Engine, RenderOptions, Splats};
 use luxel_cpu::CpuEngine;
 use luxel_gpu::{Gpu, GpuEngine};
@@ -18,6 +18,7 @@ pub const ALL: &[(&str, Body)] = &[
     ("gpu_gradients_match_cpu", gpu_gradients_match_cpu),
     ("harmonics_above_the_active_degree_take_no_part", harmonics_above_the_active_degree_take_no_part),
     ("gpu_steps_match_cpu", gpu_steps_match_cpu),
+    ("gpu_dropout_matches_cpu", gpu_dropout_matches_cpu),
     ("gpu_statistics_match_cpu", gpu_statistics_match_cpu),
     ("gpu_noise_matches_cpu", gpu_noise_matches_cpu),
     ("gpu_densification_matches_cpu", gpu_densification_matches_cpu),
@@ -179,6 +180,27 @@ fn gpu_steps_match_cpu(gpu: &Arc<Gpu>) {
             for ((name, found), (_, expected)) in groups(found).into_iter().zip(groups(expected)) {
                 assert_close(&format!("adam, {which} moments: {name} {}", model.name()), found, expected, 1e-3);
             }
+        }
+    }
+}
+
+/// The same splats are left out, by numbers that reach over shards.
+fn gpu_dropout_matches_cpu(gpu: &Arc<Gpu>) {
+    let camera = camera(45, 38);
+    let scene = splats_with_special_cases(models()[4], &camera, 3);
+    let (mut cpu, mut engine) = engines(gpu, &scene);
+    engine.split_shards(16);
+    engine.load(&scene, None).unwrap();
+    let view = view(&camera, false, 4);
+    for (rate, seed) in [(0.1, 1), (0.5, u32::MAX)] {
+        let step = train_step(StatsCollection::Off, Cutoffs::HDR, Antialias::Pixel, 1);
+        let step = StepConfig { dropout: Some(Dropout { rate, seed }), ..step };
+        let [(expected_report, expected), (report, found)] =
+            [cpu.gradients(&view, &step).unwrap(), engine.gradients(&view, &step).unwrap()];
+        assert_eq!(report.visible, expected_report.visible);
+        assert_close(&format!("loss, dropout of {rate}"), &[report.loss], &[expected_report.loss], 2e-5);
+        for ((name, found), (_, expected)) in groups(&found).into_iter().zip(groups(&expected)) {
+            assert_close(&format!("{}, {name}: dropout of {rate}", differentiates(name)), found, expected, 1e-4);
         }
     }
 }

@@ -71,7 +71,7 @@ pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions
         used.extend(views);
     }
     warnings.extend(masks::attach(&folder, used.iter_mut().map(|used| &mut used.frame), &options.masks)?);
-    let loaded = load_views(path, &used, options, loading)?;
+    let (loaded, readers) = load_views(path, &used, options, loading)?;
     warnings.extend(grouped_warnings(&loaded));
 
     let mut targets: Vec<Vec<ObservedView<'_>>> = frames.iter().map(|_| Vec::new()).collect();
@@ -89,12 +89,12 @@ pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions
 
     let mut bad_pixels: Vec<_> = loaded.iter().filter_map(|l| l.bad.clone()).collect();
     bad_pixels.sort_by(|a, b| a.name.cmp(&b.name));
-    let train = used.iter().filter(|used| used.part == Part::Train).count();
-    let mut views: Vec<View> = loaded.into_iter().map(|l| l.view).collect();
-    let test = views.split_off(train);
-    warnings.extend(PointCoverage::new(&points, &views).warning(&points_from));
+    let train_count = used.iter().filter(|used| used.part == Part::Train).count();
+    let mut train: Vec<View> = loaded.into_iter().map(|l| l.view).collect();
+    let test = train.split_off(train_count);
+    warnings.extend(PointCoverage::new(&points, &train).warning(&points_from));
     let metres_per_unit = metres_per_unit(path, &folder)?;
-    Ok(Dataset { format, train: views, test, points, color_space, bad_pixels, fingerprint, warnings, world_from_local, metres_per_unit })
+    Ok(Dataset { format, train, test, points, color_space, bad_pixels, fingerprint, warnings, world_from_local, metres_per_unit, readers })
 }
 
 /// Returns the digest of the data set, of which `begun` has the options.
@@ -135,10 +135,16 @@ struct SelectedFrame {
     part: Part,
 }
 
-/// Returns the views in the order of `used`, with their pixels in memory if all have room there. Of
-/// several that cannot be read, the first by name is reported, whichever thread came upon one
-/// first; once one failed, no view behind it is begun.
-fn load_views(path: &Path, used: &[SelectedFrame], options: &LoadOptions, loading: &Loading<'_>) -> Result<Vec<LoadedView>, IoError> {
+/// Returns the views in the order of `used`, with their pixels in memory if all have room there,
+/// and how many of them memory has room for reading side by side. Of several that cannot be read,
+/// the first by name is reported, whichever thread came upon one first; once one failed, no view
+/// behind it is begun.
+fn load_views(
+    path: &Path,
+    used: &[SelectedFrame],
+    options: &LoadOptions,
+    loading: &Loading<'_>,
+) -> Result<(Vec<LoadedView>, usize), IoError> {
     let mut by_name: Vec<usize> = (0..used.len()).collect();
     by_name.sort_by(|a, b| used[*a].frame.name.cmp(&used[*b].frame.name));
     let mut rank = vec![0; used.len()];
@@ -205,7 +211,7 @@ fn load_views(path: &Path, used: &[SelectedFrame], options: &LoadOptions, loadin
             Some(Err(_)) | None => {}
         }
     }
-    bad.map_or(Ok(views), |(_, error)| Err(error))
+    bad.map_or(Ok((views, plan.readers())), |(_, error)| Err(error))
 }
 
 /// Returns the place of each view; those to train on come first.

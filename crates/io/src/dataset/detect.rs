@@ -13,7 +13,7 @@ use super::{DatasetFormat, layout_llff, layout_metashape, layout_phone, layout_p
 use crate::IoError;
 
 /// The files that identify a data set, for messages.
-const LOOKED_FOR: &str = "transforms.json, transforms_train.json, a COLMAP model (cameras.bin or cameras.txt in sparse/0, in sparse or here), poses_bounds_exps.npy with input_images, poses_bounds.npy with images, cameras of RealityScan (.csv, or .xmp beside the images) or Metashape (.xml), cameras of OpenUSD text (.usda), Polycam's keyframes, or Record3D's metadata.json with rgb";
+const LOOKED_FOR: &str = "transforms.json, transforms_train.json, a COLMAP model (cameras.bin or cameras.txt in sparse/0, in sparse or here), poses_bounds_exps.npy with input_images, poses_bounds.npy with images, cameras of RealityScan (.csv, or .xmp beside the images) or Metashape (.xml), cameras of OpenUSD (.usda, .usdc, .usdz), Polycam's keyframes, or Record3D's metadata.json with rgb";
 
 /// Extensions of photographs and other pictures, of which poses can be found; cameras' own RAW
 /// formats too.
@@ -44,7 +44,7 @@ pub fn detect_format(path: &Path) -> Result<DatasetFormat, IoError> {
             "json" => Ok(DatasetFormat::Transforms),
             "csv" => Ok(DatasetFormat::RealityScan),
             "xml" => Ok(DatasetFormat::Metashape),
-            "usda" | "usd" => Ok(DatasetFormat::Usd),
+            usd if layout_usd::EXTENSIONS.contains(&usd) => Ok(DatasetFormat::Usd),
             _ => Err(IoError::invalid(path, format!("is a file, expected a transforms.json or a folder with {LOOKED_FOR}"))),
         };
     }

@@ -18,6 +18,18 @@ use crate::{IoError, memory};
 /// that is read ahead, and one that is measured, or what decoding takes besides its result.
 pub const VIEWS_IN_USE: u64 = 3;
 
+/// Decoded views for every two that are read side by side from the cache: a stored view takes half
+/// of what it takes decoded, and both are in memory while it is decoded.
+const VIEWS_PER_TWO_READERS: u64 = 3;
+
+/// The share of the limit that reading side by side may take where it is more than
+/// [`VIEWS_IN_USE`]: what it takes, no stored image may keep.
+const READERS_SHARE: u64 = 16;
+
+/// Views in memory that are made radiance of side by side. What that takes, 16 bytes a pixel each,
+/// is less than a measurement takes later.
+const READERS_IN_MEMORY: usize = 8;
+
 /// The share of the system's memory that `auto` gives to images.
 const AUTO_SHARE: u64 = 2;
 
@@ -190,16 +202,34 @@ impl ImagePlan {
         self.decoded_bytes.min(self.limit_bytes)
     }
 
+    /// Returns how many views the start of a training reads side by side. A view that is decoded
+    /// from its source takes as much memory as there is beside the stored ones.
+    pub fn readers(&self) -> usize {
+        let at_once = match self.cache {
+            _ if self.fits() => return readers_in_memory(),
+            Some(_) => 2 * self.decoded_views() / VIEWS_PER_TWO_READERS,
+            None => self.decoded_views() / VIEWS_IN_USE,
+        };
+        usize::try_from(at_once).unwrap_or(usize::MAX).clamp(1, threads())
+    }
+
+    /// Returns how many decoded views there is room for beside those that stay in memory as they
+    /// are stored.
+    fn decoded_views(&self) -> u64 {
+        let wanted = (threads() as u64 * VIEWS_PER_TWO_READERS).div_ceil(2);
+        let share = self.limit_bytes / READERS_SHARE / self.largest_bytes.max(1);
+        wanted.min(share).max(VIEWS_IN_USE)
+    }
+
     /// Returns the memory in which stored images stay, bytes.
     pub(super) fn resident_bytes(&self) -> u64 {
-        self.limit_bytes.saturating_sub(VIEWS_IN_USE * self.largest_bytes)
+        self.limit_bytes.saturating_sub(self.decoded_views() * self.largest_bytes)
     }
 
     /// Returns how many views are read at the same time.
     pub(super) fn parallel(&self) -> usize {
-        let threads = rayon::current_num_threads().max(1);
         let room = self.limit_bytes / (VIEWS_IN_USE * self.largest_bytes).max(1);
-        threads.min(usize::try_from(room).unwrap_or(usize::MAX)).max(1)
+        usize::try_from(room).unwrap_or(usize::MAX).clamp(1, threads())
     }
 
     /// Refuses a limit below what reading takes.
@@ -217,6 +247,16 @@ impl ImagePlan {
         let remedy = Remedy::set("image_memory", format!("{}MiB", needed.div_ceil(1 << 20))).or(Remedy::raise("downscale"));
         Err(IoError::unsupported(&self.path, message).with_remedy(remedy))
     }
+}
+
+/// Returns the number of threads that share the work.
+fn threads() -> usize {
+    rayon::current_num_threads().max(1)
+}
+
+/// Returns how many views in memory are made radiance of side by side.
+pub(super) fn readers_in_memory() -> usize {
+    threads().min(READERS_IN_MEMORY)
 }
 
 /// The size of an image, as its header and the options of reading say.
@@ -287,5 +327,27 @@ mod tests {
         let error = tight.check().unwrap_err();
         assert!(error.message.contains("3 are in memory at the same time"), "{error}");
         assert!(error.remedy.is_some_and(|remedy| remedy.options().eq(["image_memory", "downscale"])));
+    }
+
+    #[test]
+    fn what_is_read_side_by_side_and_what_stays_are_within_the_limit() {
+        let size = || (0..300).map(|_| PlannedImage { size_px: [1000, 1000], has_weights: false, is_train: true });
+        let view = 12_000_000;
+        let of = |views: u64, cache, threads: usize| {
+            let loading = Loading { image_memory: ImageMemory::Bytes(views * view), cache, ..Loading::default() };
+            let plan = plan(Path::new("data"), size(), 1, &loading);
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| (plan.readers(), plan.resident_bytes()))
+        };
+        let cache = Some(Path::new("run.images"));
+        // A reader takes a view and a half: three views are two readers.
+        assert_eq!(of(3, cache, 8), (2, 0));
+        assert_eq!(of(10, cache, 8), (2, 7 * view));
+        assert_eq!(of(160, cache, 8), (6, 150 * view));
+        assert_eq!(of(290, cache, 8), (8, 278 * view));
+        assert_eq!(of(290, cache, 1), (1, 287 * view));
+        // Decoding from the source takes up to three.
+        assert_eq!(of(10, None, 8), (1, 7 * view));
+        assert_eq!(of(300, cache, 32).0, READERS_IN_MEMORY);
     }
 }

@@ -10,6 +10,7 @@ use luxel_core::{
 };
 
 use super::fingerprint::Fingerprint;
+use super::image_memory::readers_in_memory;
 use super::load::{both, field_mask, mask_bad_pixels};
 use super::{LoadOptions, split::Part};
 use crate::IoError;
@@ -109,8 +110,8 @@ pub fn dataset_in_memory(parts: MemoryDataset) -> Result<Dataset, IoError> {
     let no_test = "no test views: no image is held out to measure quality with".to_owned();
     let warnings = if test.is_empty() { vec![no_test] } else { Vec::new() };
     let (format, fingerprint) = (NAME.to_owned(), fingerprint.finish());
-    let metres_per_unit = None;
-    Ok(Dataset { format, train, test, points, color_space, bad_pixels, fingerprint, warnings, world_from_local, metres_per_unit })
+    let (metres_per_unit, readers) = (None, readers_in_memory());
+    Ok(Dataset { format, train, test, points, color_space, bad_pixels, fingerprint, warnings, world_from_local, metres_per_unit, readers })
 }
 
 /// Checks names, cameras and sizes.

@@ -1,4 +1,4 @@
-//! Cameras of an OpenUSD layer (text) beside a folder of images.
+//! Cameras of an OpenUSD layer, text or binary, beside a folder of images.
 //!
 //! An image belongs to a camera by its name: a camera without samples over time has the image of
 //! its name (`images/left.exr` of `/Rig/left`; characters that prims cannot have count as `_`), a
@@ -19,8 +19,10 @@ use super::source::DatasetSource;
 use crate::IoError;
 use crate::image::image_size;
 use crate::read_file::open_regular;
-use crate::usd::{UsdCamera, UsdCameras, read_cameras};
+use crate::usd::{BINARY_MAGIC, PACKAGE_MAGIC, UsdCamera, UsdCameras, read_cameras};
 
+/// Extensions of layers.
+pub(super) const EXTENSIONS: [&str; 4] = ["usda", "usd", "usdc", "usdz"];
 /// Folders of images, in the order they are looked in.
 const IMAGE_FOLDERS: [&str; 3] = ["images", "input", "plates"];
 /// Difference of two shapes, of the aperture and of the image, that is rounding.
@@ -28,10 +30,14 @@ const ROUNDING: f64 = 0.01;
 /// Names that a message lists.
 const MAX_LISTED: usize = 3;
 
-/// Returns whether a file of OpenUSD text has a camera, by a search for its definition.
+/// Returns whether a file of OpenUSD has a camera: of text, by a search for its definition.
 pub(super) fn has_camera(path: &Path) -> bool {
     let Ok((file, _)) = open_regular(path) else { return false };
     let mut reader = BufReader::with_capacity(1 << 20, file);
+    let Ok(head) = reader.fill_buf() else { return false };
+    if head.starts_with(BINARY_MAGIC) || head.starts_with(PACKAGE_MAGIC) {
+        return read_cameras(path).is_ok_and(|cameras| !cameras.is_empty());
+    }
     let mut first = [0u8; 5];
     if reader.read_exact(&mut first).is_err() || &first != b"#usda" {
         return false;
@@ -57,7 +63,7 @@ pub(super) fn has_camera(path: &Path) -> bool {
 /// Returns the layers of a folder that have cameras.
 pub(super) fn layers(folder: &Path) -> Vec<PathBuf> {
     let paths = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let is_layer = |path: &PathBuf| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("usda") || e.eq_ignore_ascii_case("usd"));
+    let is_layer = |path: &PathBuf| path.extension().is_some_and(|e| EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)));
     let mut found: Vec<PathBuf> = paths.filter(|path| is_layer(path) && has_camera(path)).collect();
     found.sort();
     found
@@ -68,11 +74,11 @@ pub(super) fn usd_source(path: &Path, supervision: Supervision) -> Result<Datase
     let found = if path.is_file() { vec![path.to_path_buf()] } else { layers(path) };
     let file = match found.as_slice() {
         [one] => one,
-        [] => return Err(IoError::invalid(path, "no OpenUSD text (.usda) with a camera, expected one")),
+        [] => return Err(IoError::invalid(path, "no OpenUSD layer (.usda, .usdc, .usdz, .usd) with a camera, expected one")),
         several => return Err(super::candidates::several(path, "OpenUSD layers with cameras", several)),
     };
     let folder = file.parent().unwrap_or(file);
-    let layer = read_cameras(file, BufReader::with_capacity(1 << 20, open_regular(file)?.0))?;
+    let layer = read_cameras(file)?;
     if layer.is_empty() {
         let remedy = "flatten the stage with `usdcat --flatten -o cameras.usda` if they are in other layers";
         return Err(IoError::invalid(file, format!("no prim of type Camera, expected one; {remedy}")));

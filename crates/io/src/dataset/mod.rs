@@ -112,7 +112,7 @@ pub enum DatasetFormat {
     RealityScan,
     /// Agisoft Metashape: cameras as XML.
     Metashape,
-    /// Cameras of OpenUSD text, with `images/`.
+    /// Cameras of OpenUSD, with `images/`.
     Usd,
     /// Polycam's raw data: `keyframes/`.
     Polycam,

@@ -8,7 +8,7 @@ use ::exr::image::{AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Image
 use ::exr::meta::attribute::{AttributeValue, Chromaticities, Compression, EnvironmentMap, LineOrder, Text};
 use ::exr::meta::header::LayerAttributes;
 use ::exr::prelude::{SmallVec, Vec2, WritableImage, f16};
-use glam::{DMat3, DMat4, DVec3};
+use glam::{DMat3, DMat4, DVec2, DVec3, DVec4};
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
@@ -55,7 +55,7 @@ pub struct ExrOptions {
     /// Further attributes that are numbers: name and value.
     pub numbers: Vec<(String, f32)>,
     /// Camera of the image: `worldToCamera` (axes right, up, back), the lens in `luxel:focal_px`
-    /// and `luxel:center_px`, and `luxel:projection` unless it is a pinhole.
+    /// and `luxel:center_px`, and `worldToNDC` if it is a pinhole, else `luxel:projection`.
     pub camera: Option<Camera>,
     /// Projection of an image that is a map of directions.
     pub environment: Option<Projection>,
@@ -163,7 +163,9 @@ fn attributes(name: &Path, options: &ExrOptions) -> Result<LayerAttributes, IoEr
         for (name, v) in [("luxel:focal_px", camera.focal_px), ("luxel:center_px", camera.center_px)] {
             attributes.other.insert(key(name)?, AttributeValue::FloatVec2(Vec2(v.x as f32, v.y as f32)));
         }
-        if !camera.projection.is_pinhole() {
+        if camera.projection.is_pinhole() {
+            attributes.world_to_normalized_device = Some(world_to_ndc(camera));
+        } else {
             let name = Text::new_or_none(camera.projection.name()).ok_or_else(wrong)?;
             attributes.other.insert(key("luxel:projection")?, AttributeValue::Text(name));
         }
@@ -178,6 +180,20 @@ fn world_to_camera(camera: &Camera) -> [f32; 16] {
     let columns = DMat4::from_mat3_translation(flip * pose.matrix3, flip * pose.translation);
     // Columns of the one are rows of the other.
     columns.to_cols_array().map(|v| v as f32)
+}
+
+/// Returns the matrix to shares of the image, x right and y down, behind a division by the last
+/// coordinate; z is one over the distance along the viewing axis.
+fn world_to_ndc(camera: &Camera) -> [f32; 16] {
+    let size_px = DVec2::from_array(camera.size_px.map(f64::from));
+    let (focal, center) = (camera.focal_px / size_px, camera.center_px / size_px);
+    let lens = DMat4::from_cols(
+        DVec4::new(focal.x, 0.0, 0.0, 0.0),
+        DVec4::new(0.0, focal.y, 0.0, 0.0),
+        DVec4::new(center.x, center.y, 0.0, 1.0),
+        DVec4::new(0.0, 0.0, 1.0, 0.0),
+    );
+    (lens * DMat4::from(camera.camera_from_world)).to_cols_array().map(|v| v as f32)
 }
 
 /// Pixels from which on compression is worth a pool of threads.

@@ -31,6 +31,7 @@ pub(super) fn sh_prefix(color_model: ColorModel) -> &'static str {
     match color_model {
         ColorModel::Sh { .. } => "lcd_s_",
         ColorModel::Lcd { .. } => "lcd_c_",
+        ColorModel::Mix(_) => "lcd_m_",
     }
 }
 

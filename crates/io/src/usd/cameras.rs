@@ -1,42 +1,43 @@
-//! Cameras of OpenUSD text: prims of type `Camera` (UsdGeomCamera) with the transforms of the prims
+//! Cameras of OpenUSD: prims of type `Camera` (UsdGeomCamera) with the transforms of the prims
 //! around them, each over time.
 //!
-//! In: a text layer. Out: cameras that can be asked at a time: axes and place in the stage, focal
-//! length and shift of the principal point as shares of the image's width. Focal length and
-//! apertures are in tenths of a unit, of which only quotients count; where they are missing, the
-//! schema's fallbacks hold. Values between two samples are interpolated linearly, before the first
-//! and behind the last they are held. Nothing is composed: cameras in other layers are other
-//! programs' business (`usdcat --flatten`).
+//! In: a layer, as text, in the binary form or in a package. Out: cameras that can be asked at a
+//! time: axes and place in the stage, focal length and shift of the principal point as shares of
+//! the image's width. Focal length and apertures are in tenths of a unit, of which only quotients
+//! count; where they are missing, the schema's fallbacks hold. Values between two samples are
+//! interpolated linearly, before the first and behind the last they are held. Nothing is composed:
+//! cameras in other layers are other programs' business (`usdcat --flatten`).
 //!
 //! Degenerate cases: orthographic cameras, unknown transforms and axes that are no rotation times a
 //! scale are errors with the prim's path.
 
+mod text;
 mod timed;
 mod transform;
 
 use std::collections::HashMap;
-use std::io::BufRead;
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use glam::{DMat3, DMat4, DVec3};
 
-use self::timed::{Sample, Timed};
-use self::transform::Transform;
-use super::lexer::{Lexer, Token};
+use self::text::read_text;
+pub(super) use self::timed::{Sample, Timed, sorted};
+pub(super) use self::transform::Transform;
+use super::binary;
 use crate::IoError;
-use crate::byte_order_mark::MARK;
+use crate::memory::check_memory;
+use crate::read_file::{open_regular, read_file};
 
-/// Deepest nesting of prims.
-const MAX_PRIMS: usize = 64;
-/// Most words before a value.
-const MAX_WORDS: usize = 16;
 /// Fallbacks of the schema, tenths of a unit.
 const FOCAL_LENGTH: f64 = 50.0;
 const HORIZONTAL_APERTURE: f64 = 20.955;
 /// Metres of a unit where the layer states none.
 const METERS_PER_UNIT: f64 = 0.01;
+/// Beginning of the names of operations of a transform.
+pub(super) const OPERATION: &str = "xformOp:";
 /// Properties of cameras that are read.
-const PROPERTIES: [&str; 5] =
+pub(super) const PROPERTIES: [&str; 5] =
     ["focalLength", "horizontalAperture", "verticalAperture", "horizontalApertureOffset", "verticalApertureOffset"];
 
 /// The cameras of a layer.
@@ -50,7 +51,22 @@ pub struct UsdCameras {
     pub(crate) up_axis: String,
 }
 
+impl Default for UsdCameras {
+    fn default() -> Self {
+        Self { cameras: Vec::new(), meters_per_unit: METERS_PER_UNIT, up_axis: "Y".to_owned() }
+    }
+}
+
 impl UsdCameras {
+    /// Takes the metres of a unit.
+    pub(super) fn set_unit(&mut self, metres: f64) -> Result<(), String> {
+        if !(metres.is_normal() && metres > 0.0) {
+            return Err(format!("metersPerUnit is {metres}, expected a number above 0"));
+        }
+        self.meters_per_unit = metres;
+        Ok(())
+    }
+
     /// Returns the number of cameras.
     pub fn len(&self) -> usize {
         self.cameras.len()
@@ -72,10 +88,10 @@ impl UsdCameras {
 pub(crate) struct UsdCamera {
     /// Path of the prim: `/World/Shot_1`.
     pub(crate) path: String,
-    properties: HashMap<String, Timed>,
-    is_orthographic: bool,
+    pub(super) properties: HashMap<String, Timed>,
+    pub(super) is_orthographic: bool,
     /// Transforms of the prims around it and its own, the outermost first.
-    transforms: Vec<Transform>,
+    pub(super) transforms: Vec<Transform>,
 }
 
 /// A camera at a time.
@@ -143,240 +159,26 @@ impl UsdCamera {
     }
 }
 
-/// Decodes the cameras of a text layer; `name` is for errors.
+/// Decodes the cameras of a layer, text or binary, or of a package; `name` is for errors.
 ///
 /// # Errors
 /// A damaged file, or values of cameras and transforms that are not numbers.
 pub fn decode_usd_cameras(name: &Path, bytes: &[u8]) -> Result<UsdCameras, IoError> {
-    read_cameras(name, bytes)
+    let invalid = |message: String| IoError::invalid(name, message);
+    let layer = if bytes.starts_with(binary::PACKAGE_MAGIC) { binary::layer_in_package(bytes).map_err(invalid)? } else { bytes };
+    if layer.starts_with(binary::MAGIC) { binary::read_cameras(layer).map_err(invalid) } else { read_text(name, layer) }
 }
 
-/// Reads the cameras of a text layer.
-pub(crate) fn read_cameras<R: BufRead>(path: &Path, mut reader: R) -> Result<UsdCameras, IoError> {
-    if reader.fill_buf().is_ok_and(|head| head.starts_with(MARK)) {
-        reader.consume(MARK.len());
+/// Reads the cameras of a layer's file.
+pub(crate) fn read_cameras(path: &Path) -> Result<UsdCameras, IoError> {
+    let (file, _) = open_regular(path)?;
+    let mut reader = BufReader::with_capacity(1 << 20, file);
+    let is_text =
+        reader.fill_buf().is_ok_and(|head| ![&binary::MAGIC[..], binary::PACKAGE_MAGIC].iter().any(|magic| head.starts_with(magic)));
+    if is_text {
+        return read_text(path, reader);
     }
-    let mut first = [0u8; 5];
-    if reader.read_exact(&mut first).is_err() || &first != b"#usda" {
-        let remedy = "convert binary USD with `usdcat --flatten -o cameras.usda`";
-        return Err(IoError::unsupported(path, format!("line 1: expected \"#usda 1.0\": this is not OpenUSD text; {remedy}")));
-    }
-    let mut layer = Layer {
-        lexer: Lexer::new(reader, path),
-        out: UsdCameras { cameras: Vec::new(), meters_per_unit: METERS_PER_UNIT, up_axis: "Y".to_owned() },
-        around: Vec::new(),
-    };
-    while !matches!(layer.lexer.next()?, Token::NewLine | Token::End) {}
-    layer.body(&mut Prim::default(), 0)?;
-    Ok(layer.out)
-}
-
-/// A prim under way of being read.
-#[derive(Default)]
-struct Prim {
-    name: String,
-    is_camera: bool,
-    is_orthographic: bool,
-    properties: HashMap<String, Timed>,
-    transform: Transform,
-    /// Cameras found below it, whose transform is yet to be put before theirs.
-    first_below: usize,
-}
-
-struct Layer<'a, R> {
-    lexer: Lexer<'a, R>,
-    out: UsdCameras,
-    /// Names of the prims around the place of reading.
-    around: Vec<String>,
-}
-
-impl<R: BufRead> Layer<'_, R> {
-    /// Reads statements up to the end of the prim, or of the file.
-    fn body(&mut self, prim: &mut Prim, depth: usize) -> Result<(), IoError> {
-        loop {
-            match self.lexer.next_on()? {
-                Token::End if depth == 0 => return Ok(()),
-                Token::End => return Err(self.lexer.invalid("file ends within a prim; the file is truncated")),
-                Token::Mark(b'}') if depth > 0 => return Ok(()),
-                Token::Mark(b'(') if depth == 0 => self.layer_metadata()?,
-                Token::Mark(b';') => {}
-                Token::Mark(b'(') => self.lexer.skip_brackets()?,
-                Token::Word(word) if matches!(word.as_str(), "def" | "over") => self.prim(depth, false)?,
-                // Classes are templates, no cameras.
-                Token::Word(word) if word == "class" => self.prim(depth, true)?,
-                Token::Word(word) => self.property(word, prim)?,
-                other => return Err(self.lexer.invalid(format_args!("found {other:?}, expected a prim or a property"))),
-            }
-        }
-    }
-
-    /// Looks for the unit and the up axis.
-    fn layer_metadata(&mut self) -> Result<(), IoError> {
-        let mut depth = 1usize;
-        let mut previous = [Token::NewLine, Token::NewLine];
-        while depth > 0 {
-            let token = self.lexer.next_on()?;
-            let is_value_of = |key: &str| depth == 1 && previous == [Token::Word(key.into()), Token::Mark(b'=')];
-            match &token {
-                Token::Word(word) if is_value_of("metersPerUnit") => {
-                    let unit = word.parse().ok().filter(|unit: &f64| unit.is_normal() && *unit > 0.0);
-                    let message = || format!("metersPerUnit is {word:?}, expected a number above 0");
-                    self.out.meters_per_unit = unit.ok_or_else(|| self.lexer.invalid(message()))?;
-                }
-                Token::Text(text) if is_value_of("upAxis") => self.out.up_axis.clone_from(text),
-                Token::Mark(b'(' | b'[' | b'{') => depth += 1,
-                Token::Mark(b')' | b']' | b'}') => depth -= 1,
-                Token::End => return Err(self.lexer.invalid("file ends within the layer's metadata; the file is truncated")),
-                _ => {}
-            }
-            let [_, last] = previous;
-            previous = [last, token];
-        }
-        Ok(())
-    }
-
-    /// Reads a prim behind its `def`.
-    fn prim(&mut self, depth: usize, is_class: bool) -> Result<(), IoError> {
-        if depth >= MAX_PRIMS {
-            return Err(self.lexer.invalid(format_args!("more than {MAX_PRIMS} prims within one another")));
-        }
-        let mut prim = Prim { first_below: self.out.cameras.len(), ..Prim::default() };
-        loop {
-            match self.lexer.next_on()? {
-                Token::Word(word) => prim.is_camera = word == "Camera",
-                Token::Text(name) => prim.name = name,
-                Token::Mark(b'(') => self.lexer.skip_brackets()?,
-                Token::Mark(b'{') => break,
-                other => return Err(self.lexer.invalid(format_args!("found {other:?}, expected a prim's type, name, metadata or body"))),
-            }
-        }
-        self.around.push(prim.name.clone());
-        self.body(&mut prim, depth + 1)?;
-        for camera in self.out.cameras.get_mut(prim.first_below..).into_iter().flatten() {
-            camera.transforms.insert(0, prim.transform.clone());
-        }
-        if is_class {
-            self.out.cameras.truncate(prim.first_below);
-        } else if prim.is_camera {
-            let path = format!("/{}", self.around.join("/"));
-            let Prim { is_orthographic, properties, transform, .. } = prim;
-            self.out.cameras.insert(prim.first_below, UsdCamera { path, properties, is_orthographic, transforms: vec![transform] });
-        }
-        self.around.pop();
-        Ok(())
-    }
-
-    /// Reads a property from its first word on.
-    fn property(&mut self, first: String, prim: &mut Prim) -> Result<(), IoError> {
-        let mut words = vec![first];
-        loop {
-            match self.lexer.next()? {
-                Token::Word(word) => words.push(word),
-                Token::Mark(b'[' | b']') | Token::Text(_) => {}
-                Token::Mark(b'=') => break,
-                Token::Mark(b'(') => return self.lexer.skip_brackets(),
-                // A block of variants: what is in it is not composed.
-                Token::Mark(b'{') => return self.lexer.skip_brackets(),
-                Token::NewLine | Token::Mark(b';') | Token::End => return Ok(()),
-                other => return Err(self.lexer.invalid(format_args!("found {other:?}, expected a property's name or value"))),
-            }
-            if words.len() > MAX_WORDS {
-                return Err(self.lexer.invalid(format_args!("more than {MAX_WORDS} words before a value: not OpenUSD text")));
-            }
-        }
-        let name = words.pop().unwrap_or_default();
-        if words.first().is_some_and(|word| word == "variantSet") {
-            return self.lexer.skip_value();
-        }
-        let (base, is_timed) = name.strip_suffix(".timeSamples").map_or((name.as_str(), false), |base| (base, true));
-        if base == "xformOpOrder" {
-            prim.transform.set_order(self.texts(base)?);
-        } else if base.starts_with("xformOp:") {
-            let value = prim.transform.op(base);
-            self.timed(base, is_timed, value)?;
-        } else if PROPERTIES.contains(&base) {
-            self.timed(base, is_timed, prim.properties.entry(base.to_owned()).or_default())?;
-        } else if base == "projection" && !is_timed {
-            match self.lexer.next_on()? {
-                Token::Text(text) => prim.is_orthographic = text == "orthographic",
-                other => return Err(self.lexer.invalid(format_args!("\"projection\" is {other:?}, expected a name in quotes"))),
-            }
-        } else {
-            self.lexer.skip_value()?;
-        }
-        Ok(())
-    }
-
-    /// Reads a list of names.
-    fn texts(&mut self, name: &str) -> Result<Vec<String>, IoError> {
-        let opening = self.lexer.next_on()?;
-        if opening != Token::Mark(b'[') {
-            return Err(self.lexer.invalid(format_args!("{name:?} begins with {opening:?}, expected a list")));
-        }
-        let mut texts = Vec::new();
-        loop {
-            match self.lexer.next_on()? {
-                Token::Text(text) => texts.push(text),
-                Token::Mark(b',') => {}
-                Token::Mark(b']') => return Ok(texts),
-                other => return Err(self.lexer.invalid(format_args!("{name:?} has {other:?}, expected names in quotes"))),
-            }
-        }
-    }
-
-    /// Reads a value, or samples of it.
-    fn timed(&mut self, name: &str, is_timed: bool, out: &mut Timed) -> Result<(), IoError> {
-        if !is_timed {
-            out.default = self.values(name)?;
-            return Ok(());
-        }
-        let opening = self.lexer.next_on()?;
-        if opening != Token::Mark(b'{') {
-            return Err(self.lexer.invalid(format_args!("samples of {name:?} begin with {opening:?}, expected {{")));
-        }
-        out.samples.clear();
-        loop {
-            let word = match self.lexer.next_on()? {
-                Token::Mark(b'}') => break,
-                Token::Mark(b',') => continue,
-                Token::Word(word) => word,
-                other => return Err(self.lexer.invalid(format_args!("samples of {name:?} have {other:?}, expected a time"))),
-            };
-            let time = word.trim_end_matches(':').parse().ok().filter(|time: &f64| time.is_finite());
-            let time = time.ok_or_else(|| self.lexer.invalid(format_args!("a sample of {name:?} is at {word:?}, expected a time")))?;
-            if !word.ends_with(':') && self.lexer.next_on()? != Token::Word(":".to_owned()) {
-                return Err(self.lexer.invalid(format_args!("a sample of {name:?} has no colon behind its time")));
-            }
-            if let Some(values) = self.values(name)? {
-                out.samples.push(Sample { time, values });
-            }
-        }
-        out.samples.sort_by(|a, b| a.time.total_cmp(&b.time));
-        out.samples.dedup_by(|a, b| a.time == b.time);
-        Ok(())
-    }
-
-    /// Reads a number, or the numbers of a tuple in a row; `None` for `None`.
-    fn values(&mut self, name: &str) -> Result<Option<Vec<f64>>, IoError> {
-        /// Numbers of a matrix of 4 x 4.
-        const MOST: usize = 16;
-        let mut values = Vec::new();
-        let mut depth = 0usize;
-        loop {
-            match self.lexer.next_on()? {
-                Token::Mark(b'(') if depth < 2 => depth += 1,
-                Token::Mark(b')') if depth > 0 => depth -= 1,
-                Token::Mark(b',') if depth > 0 => {}
-                Token::Word(word) if word == "None" && depth == 0 => return Ok(None),
-                Token::Word(word) if values.len() < MOST => {
-                    let value = word.parse().ok().filter(|v: &f64| v.is_finite());
-                    values.push(value.ok_or_else(|| self.lexer.invalid(format_args!("{name:?} has {word:?}, expected a number")))?);
-                }
-                other => return Err(self.lexer.invalid(format_args!("{name:?} has {other:?}, expected a number or a tuple"))),
-            }
-            if depth == 0 {
-                return Ok(Some(values));
-            }
-        }
-    }
+    let bytes = read_file(path)?;
+    check_memory(path, bytes.len() as u64 * 3)?;
+    decode_usd_cameras(path, &bytes)
 }

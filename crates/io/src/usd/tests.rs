@@ -1,3 +1,5 @@
+mod camera_layers;
+
 use std::path::Path;
 
 use luxel_core::{ColorModel, RadianceScale, RasterConfig, Scene, Similarity, synthetic};

@@ -259,7 +259,7 @@ fn written_exr_holds_camera_depth_opacity_and_kind_of_map() {
     let ramp: Vec<f32> = (0..12).map(|i| i as f32 / 11.0).collect();
     let options = ExrOptions {
         numbers: vec![("luxel:radiance_scale".into(), 0.5)],
-        camera: Some(camera),
+        camera: Some(camera.clone()),
         environment: Some(Projection::LatitudeLongitude),
         alpha: Some(ramp.clone()),
         depth: Some(ramp.iter().map(|v| 1e5 * v).collect()),
@@ -283,6 +283,12 @@ fn written_exr_holds_camera_depth_opacity_and_kind_of_map() {
     let eye = [1.0, 2.0, 3.0, 1.0];
     let at: Vec<f32> = (0..3).map(|c| (0..4).map(|r| eye[r] * m[4 * r + c]).sum()).collect();
     assert_eq!(at, [0.0; 3]);
+    // Where the camera sees a point, as shares of the image.
+    let point = camera.camera_from_world.inverse().transform_point3(glam::DVec3::new(0.3, -0.2, 2.0));
+    let (m, row) = (own.world_to_normalized_device.unwrap(), point.extend(1.0).as_vec4().to_array());
+    let [x, y, _, w] = [0, 1, 2, 3].map(|c| (0..4).map(|r| row[r] * m[4 * r + c]).sum::<f32>());
+    let (at_px, _) = camera.project(point).unwrap();
+    assert!((f64::from(x / w) * 4.0 - at_px.x).abs() < 1e-5 && (f64::from(y / w) * 3.0 - at_px.y).abs() < 1e-5, "{x} {y} {w}, {at_px}");
     assert_eq!(own.other[&Text::from("luxel:focal_px")], AttributeValue::FloatVec2(Vec2(5.0, 6.0)));
     assert_eq!(own.other[&Text::from("luxel:radiance_scale")], AttributeValue::F32(0.5));
     let short = ExrOptions { alpha: Some(vec![0.0; 3]), ..ExrOptions::default() };

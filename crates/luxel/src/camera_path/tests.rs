@@ -37,6 +37,7 @@ fn posed(poses: &[DAffine3]) -> Dataset {
         warnings: Vec::new(),
         world_from_local: luxel_core::Similarity::IDENTITY,
         metres_per_unit: None,
+        readers: 2,
     }
 }
 

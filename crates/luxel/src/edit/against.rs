@@ -13,7 +13,7 @@
 
 use std::path::{Path, PathBuf};
 
-use luxel_core::edit::{Fidelity, MaskShares, ShMap, chromaticity_distance};
+use luxel_core::edit::{Fidelity, Map, MaskShares, ShMap, chromaticity_distance};
 use luxel_core::tone::Tonemap;
 use luxel_core::{Edit, Image, Selection, View};
 use luxel_io::{ExrOptions, ExrSample};
@@ -82,6 +82,9 @@ struct Trial<'a> {
 pub fn compare_edits(input: Against<'_>, device: &DeviceOptions, observer: &dyn Observer) -> Result<EditComparison> {
     if let Some(edit) = input.edits.iter().find(|edit| edit.selection != Selection::All) {
         bail!("\"where {}\": an ideal edit of pixels knows no splats, expected maps of the whole scene", edit.selection);
+    }
+    if let Some(edit) = input.edits.iter().find(|edit| edit.maps.iter().any(|map| matches!(map, Map::Light { .. }))) {
+        bail!("\"{edit}\" changes one light, which is no map on the luminance of pixels, so there is no ideal to compare with");
     }
     let edits = resolved(input.edits, input.scenes[0])?;
     let stems = unique_stems(input.views.iter().map(|view| view.name.as_str()));

@@ -21,6 +21,8 @@ pub enum Format {
     Glb,
     /// `.spz`
     Spz,
+    /// `.sog`
+    Sog,
 }
 
 impl Format {
@@ -37,15 +39,16 @@ impl Format {
             "usdz" => Self::Usdz,
             "glb" => Self::Glb,
             "spz" => Self::Spz,
+            "sog" => Self::Sog,
             "gltf" => bail!("{}: glTF is written as one file; write .glb", path.display()),
-            _ => bail!("{}: unknown extension, expected .ply, .usda, .usd, .usdc, .usdz, .glb or .spz", path.display()),
+            _ => bail!("{}: unknown extension, expected .ply, .usda, .usd, .usdc, .usdz, .glb, .spz or .sog", path.display()),
         })
     }
 
     /// Returns the axis that is up in its files.
     pub(super) fn up_axis(self) -> UpAxis {
         match self {
-            Self::Ply | Self::Spz => UpAxis::MinusY,
+            Self::Ply | Self::Spz | Self::Sog => UpAxis::MinusY,
             Self::Usda | Self::Usdc | Self::Usdz | Self::Glb => UpAxis::PlusY,
         }
     }

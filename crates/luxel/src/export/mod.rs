@@ -102,7 +102,7 @@ impl Bake {
         self.kind.unwrap_or(match format {
             Format::Ply | Format::Glb => BakeKind::Exact,
             Format::Usda | Format::Usdc | Format::Usdz => BakeKind::Linear,
-            Format::Spz => BakeKind::Display,
+            Format::Spz | Format::Sog => BakeKind::Display,
         })
     }
 
@@ -128,8 +128,9 @@ impl Bake {
         let name = path.display();
         let bake = |kind: &'static str| Remedy::set("bake", kind);
         match (format, kind) {
-            (Format::Spz, BakeKind::Linear | BakeKind::Exact) => {
-                let error = Error::new(format!("{name}: SPZ has 8 bits a colour, for display bakes only"));
+            (Format::Spz | Format::Sog, BakeKind::Linear | BakeKind::Exact) => {
+                let called = if format == Format::Spz { "SPZ" } else { "SOG" };
+                let error = Error::new(format!("{name}: {called} has 8 bits a colour, for display bakes only"));
                 return Err(error.with_remedy(bake("display").or(Remedy::advice("write .usda, .ply or .glb"))));
             }
             (Format::Usda | Format::Usdc | Format::Usdz, BakeKind::Exact) => {
@@ -240,7 +241,7 @@ pub struct Exported {
     pub exact_model: Option<(String, ColorSpace)>,
     /// Number of splats whose size an SPZ file cannot hold.
     pub sizes_out_of_range: usize,
-    /// The effect of the grid of positions of an SPZ file on the splats.
+    /// The effect of the grid of positions of an SPZ or SOG file on the splats.
     pub positions: Option<SpzPositions>,
     /// Error of the bake on the views; `None` without a data set.
     pub error: Option<BakeError>,
@@ -338,13 +339,18 @@ fn write(path: &Path, plan: &Plan, scene: &Scene, baked: &Baked, spz_version: Sp
         Format::Usdz => luxel_io::write_usdz(path, baked),
         Format::Glb => luxel_io::write_glb(path, baked, plan.is_exact.then_some(scene)),
         Format::Spz => luxel_io::write_spz(path, baked, spz_version),
+        Format::Sog => luxel_io::write_sog(path, baked),
     };
     written.context("cannot write the scene")
 }
 
 fn describe(path: &Path, plan: &Plan, scene: &Scene, baked: &Baked, error: Option<BakeError>) -> Exported {
     let origin = scene.world_from_local.translation();
-    let positions = (plan.format == Format::Spz).then(|| luxel_io::spz_positions(baked));
+    let positions = match plan.format {
+        Format::Spz => Some(luxel_io::spz_positions(baked)),
+        Format::Sog => Some(luxel_io::sog_positions(baked)),
+        _ => None,
+    };
     Exported {
         splats: scene.splats.len() - positions.map_or(0, |positions| positions.left_out),
         positions,

@@ -147,6 +147,7 @@ pub(super) fn refine(
             },
             betas: AdamBetas::default(),
             position_noise: None,
+            dropout: None,
             stats: StatsCollection::Off,
             camera_gradient: CameraGradientChoice::Skip,
         };

@@ -50,6 +50,8 @@ pub(super) struct Frames {
 struct Stream {
     /// Whether samples have more than 8 bits.
     is_deep: bool,
+    /// Whether the matrix from luma and chroma to RGB is stated.
+    has_matrix: bool,
     transfer: Option<Transfer>,
 }
 
@@ -57,26 +59,45 @@ impl Stream {
     /// Reads it from what ffmpeg says about a video's stream, a line such as `Video: hevc (Main
     /// 10), yuv420p10le(tv, bt2020nc/bt2020/smpte2084), 3840x2160`.
     fn of_line(line: &str) -> Self {
-        let has = |word: &str| line.contains(word);
-        let is_deep = ["p10", "p12", "p16", "p010", "rgb48", "10le", "12le", "16le", "10be", "12be"].into_iter().any(has);
+        let video = line.split_once("Video:").map_or(line, |(_, video)| video);
+        // The pixel format follows the codec; what is known of its colours follows it at once.
+        let (format, facts) = fields(video).get(1).map_or(("", ""), |field| field.split_once('(').unwrap_or((field, "")));
+        let colors = || fields(facts.trim_end_matches(')')).into_iter().flat_map(|fact| fact.split('/').next());
+        let has = |word: &str| facts.contains(word);
         let transfer = match () {
             () if has("smpte2084") => Some(Transfer::Pq),
             () if has("arib-std-b67") => Some(Transfer::Hlg),
             () => None,
         };
-        Self { is_deep, transfer }
+        // Formats of more than 8 bits, and a few of fewer, say which byte comes first.
+        let is_small = ["rgb565", "bgr565", "rgb555", "bgr555", "rgb444", "bgr444"].iter().any(|small| format.starts_with(small));
+        let is_deep = (format.ends_with("le") || format.ends_with("be")) && !is_small;
+        Self { is_deep, has_matrix: colors().any(|color| MATRICES.contains(&color)), transfer }
     }
 
-    /// Returns a filter behind the choice of frames, and the pixel format of their files. ffmpeg's
-    /// default conversion to RGB of 16 bits is a little too dark, which matters behind a steep
-    /// curve; zscale is exact, but needs the matrix, which videos with such a curve state.
-    fn encoding(self) -> (&'static str, &'static str) {
-        match (self.transfer.is_some(), self.is_deep) {
-            (true, true) => (",zscale=matrix=gbr:range=full,format=gbrp16le", "rgb48be"),
-            (true, false) => (",zscale=matrix=gbr:range=full,format=gbrp", "rgb24"),
-            (false, true) => ("", "rgb48be"),
-            (false, false) => ("", "rgb24"),
-        }
+    /// Returns how ffmpeg makes RGB of its frames.
+    ///
+    /// swscale, which ffmpeg uses by default, takes 255 * 256 for white in 16 bits: all is darker
+    /// by 0.4 %, which a steep curve makes a tenth of a stop of. zscale is exact. It needs the
+    /// matrix; where none is stated, it gets Rec.2020's with a curve of that, and otherwise
+    /// Rec.601's, which swscale takes. In 8 bits swscale is exact with the flags of
+    /// [`write_frames`].
+    fn conversion(self) -> Conversion {
+        let (format, png) = if self.is_deep { ("gbrp16le", "rgb48be") } else { ("gbrp", "rgb24") };
+        let matrix = match (self.has_matrix, self.transfer.is_some()) {
+            (true, _) => "",
+            (false, true) => "matrixin=2020_ncl:",
+            (false, false) => "matrixin=170m:",
+        };
+        let is_exact = self.is_deep || self.transfer.is_some();
+        let filter = if is_exact { format!(",zscale={matrix}matrix=gbr:range=full,format={format}") } else { String::new() };
+        Conversion { filter, png }
+    }
+
+    /// Returns how ffmpeg makes RGB of frames that zscale cannot convert, such as grey ones, or
+    /// where ffmpeg has no zscale; `None` where that would not do, because the curve is steep.
+    fn rougher_conversion(self) -> Option<Conversion> {
+        (self.is_deep && self.transfer.is_none()).then(|| Conversion { filter: String::new(), png: "rgb48be" })
     }
 
     /// Returns what its frames are, for people; `given` is a curve that the caller names.
@@ -89,6 +110,41 @@ impl Stream {
         };
         format!("PNG with {bits} bits{curve}")
     }
+}
+
+/// The matrices by the names that ffmpeg prints.
+const MATRICES: [&str; 12] = [
+    "gbr",
+    "bt709",
+    "fcc",
+    "bt470bg",
+    "smpte170m",
+    "smpte240m",
+    "ycgco",
+    "bt2020nc",
+    "bt2020c",
+    "chroma-derived-nc",
+    "chroma-derived-c",
+    "ictcp",
+];
+
+/// Returns what commas separate outside of parentheses, trimmed.
+fn fields(text: &str) -> Vec<&str> {
+    let mut depth = 0;
+    let is_end = |c: char| {
+        depth += i32::from(c == '(') - i32::from(c == ')');
+        c == ',' && depth == 0
+    };
+    text.split(is_end).map(str::trim).collect()
+}
+
+/// From the pixels of a video to RGB.
+#[derive(Debug, PartialEq, Eq)]
+struct Conversion {
+    /// The filters, each behind a comma.
+    filter: String,
+    /// The pixel format of the PNG files.
+    png: &'static str,
 }
 
 /// Extracts frames.
@@ -117,7 +173,13 @@ pub(super) fn extract(options: &PrepareOptions, folders: &Folders, observer: &dy
         bail!("{}: ffmpeg decodes no frame of it", video.display());
     }
     let chosen = sharpest_frames(&sharpness, options.frames);
-    write_frames(options, &frames, stream, &chosen)?;
+    match (write_frames(options, &frames, &stream.conversion(), &chosen), stream.rougher_conversion()) {
+        (Err(error), Some(rougher)) => {
+            write_frames(options, &frames, &rougher, &chosen)?;
+            observer.note(&format!("frames are up to 0.4 % darker than the video, because ffmpeg's zscale does not convert it: {error}"));
+        }
+        (found, _) => found?,
+    }
     let (total, count) = (plural(sharpness.len(), "frame"), chosen.len());
     observer.note(&format!("{count} of {total} are used, the sharpest of each window: {}", stream.words(options.transfer)));
     let curve = stream.transfer.map(|transfer| transfer.to_string()).unwrap_or_default();
@@ -185,13 +247,12 @@ fn measured(options: &PrepareOptions) -> Result<Vec<f32>> {
 }
 
 /// Writes the chosen frames.
-fn write_frames(options: &PrepareOptions, folder: &Path, stream: Stream, chosen: &[usize]) -> Result<()> {
+fn write_frames(options: &PrepareOptions, folder: &Path, conversion: &Conversion, chosen: &[usize]) -> Result<()> {
     let terms: Vec<String> = chosen.iter().map(|frame| format!("eq(n\\,{frame})")).collect();
-    let (filter, pixel_format) = stream.encoding();
     let output = ffmpeg(options)
-        .args(["-v", "error", "-map", "0:v:0", "-vf"])
-        .arg(format!("select={}{filter}", terms.join("+")))
-        .args(["-fps_mode", "passthrough", "-pix_fmt", pixel_format])
+        .args(["-y", "-v", "error", "-map", "0:v:0", "-sws_flags", "accurate_rnd+full_chroma_int+full_chroma_inp", "-vf"])
+        .arg(format!("select={}{}", terms.join("+"), conversion.filter))
+        .args(["-fps_mode", "passthrough", "-pix_fmt", conversion.png])
         .arg(folder.join("frame_%05d.png"))
         .output()
         .map_err(|error| cannot_start(options, &error))?;
@@ -214,16 +275,46 @@ mod tests {
     fn depth_and_curve_follow_from_the_stream() {
         let hdr = "Stream #0:0: Video: hevc (Main 10), yuv420p10le(tv, bt2020nc/bt2020/smpte2084), 3840x2160, 30 fps";
         let found = Stream::of_line(hdr);
-        assert_eq!(found, Stream { is_deep: true, transfer: Some(Transfer::Pq) });
+        assert_eq!(found, Stream { is_deep: true, has_matrix: true, transfer: Some(Transfer::Pq) });
         assert_eq!(found.words(None), "PNG with 16 bits, read through pq, which the video states");
         assert_eq!(found.words(Some(Transfer::LogC4)), "PNG with 16 bits, read through logc4");
         let log = "Stream #0:0: Video: prores (HQ), yuv422p10le(tv, bt709, progressive), 3840x2160";
-        assert_eq!(Stream::of_line(log), Stream { is_deep: true, transfer: None });
+        assert_eq!(Stream::of_line(log), Stream { is_deep: true, has_matrix: true, transfer: None });
         let hlg = "Stream #0:0[0x1](und): Video: hevc (Main 10), yuv420p10le(tv, bt2020nc/bt2020/arib-std-b67), 1920x1080";
         assert_eq!(Stream::of_line(hlg).transfer, Some(Transfer::Hlg));
         let plain = "Stream #0:0[0x1](und): Video: h264 (High) (avc1 / 0x31637661), yuv420p(tv, bt709), 1080x1920";
-        assert_eq!(Stream::of_line(plain), Stream { is_deep: false, transfer: None });
+        assert_eq!(Stream::of_line(plain), Stream { is_deep: false, has_matrix: true, transfer: None });
         assert_eq!(last_line("a\nInvalid data\n\n"), "Invalid data");
+    }
+
+    #[test]
+    fn depth_is_that_of_the_pixel_format_and_a_matrix_may_be_missing() {
+        let of = |format: &str| Stream::of_line(&format!("  Stream #0:0: Video: x (Main 4:2:2, a p10 b) (v210 / 0x1), {format}, 256x64"));
+        let deep = ["yuv422p10le", "gbrp14le(pc, gbr/unknown/unknown)", "p010le(tv)", "gray16be", "rgb48le", "yuva444p12le(progressive)"];
+        assert!(deep.iter().all(|format| of(format).is_deep));
+        assert!(
+            ["yuv420p", "nv12(tv, bt709)", "rgb24", "rgb565le", "yuvj422p(pc, bt470bg/unknown/unknown)", "pal8"]
+                .iter()
+                .all(|format| !of(format).is_deep)
+        );
+        let stated = ["yuv420p10le(pc, bt709/unknown/unknown, progressive)", "yuv420p10le(smpte170m)", "gbrp10le(pc, gbr/bt709/bt709)"];
+        assert!(stated.iter().all(|format| of(format).has_matrix));
+        let unknown = ["yuv420p10le", "yuv420p10le(progressive)", "yuv420p10le(tv, unknown/bt709/bt709, top first)"];
+        assert!(unknown.iter().all(|format| !of(format).has_matrix));
+        let hlg = of("yuv420p10le(tv, unknown/bt2020/arib-std-b67)");
+        assert_eq!((hlg.has_matrix, hlg.transfer), (false, Some(Transfer::Hlg)));
+        assert_eq!(hlg.conversion().filter, ",zscale=matrixin=2020_ncl:matrix=gbr:range=full,format=gbrp16le");
+        assert_eq!(of(unknown[0]).conversion().filter, ",zscale=matrixin=170m:matrix=gbr:range=full,format=gbrp16le");
+        assert_eq!(
+            of(stated[0]).conversion(),
+            Conversion { filter: ",zscale=matrix=gbr:range=full,format=gbrp16le".into(), png: "rgb48be" }
+        );
+        assert_eq!(of("yuv420p(tv, bt709)").conversion(), Conversion { filter: String::new(), png: "rgb24" });
+        assert!(
+            of("gray16le").rougher_conversion().is_some()
+                && hlg.rougher_conversion().is_none()
+                && of("yuv420p").rougher_conversion().is_none()
+        );
     }
 
     #[test]

@@ -54,6 +54,9 @@ pub struct RunOptions {
     /// Limit on the memory that images take.
     #[serde(default)]
     pub image_memory: ImageMemory,
+    /// Scene, or folder of a run, whose splats the run starts from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<PathBuf>,
     /// Forms of the log for plots, beside `log.jsonl`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub log: Vec<PlotLog>,
@@ -73,6 +76,7 @@ impl Default for RunOptions {
             eval_every: None,
             refine_display,
             image_memory: ImageMemory::Auto,
+            from: None,
             log: Vec::new(),
         }
     }

@@ -45,6 +45,45 @@ impl fmt::Display for Inapplicable {
 /// Options of reading a data set that captured LDR images alone have.
 const CAPTURED_LOAD_OPTIONS: &[&str] = &["exposures"];
 
+/// Options of geometry and opacity, which change nothing where those are frozen, and of the
+/// rasteriser, which are those of the scene.
+const GEOMETRY_OPTIONS: &[&str] = &[
+    "strategy",
+    "max_splats",
+    "pixels_per_splat",
+    "turnover",
+    "absgrad",
+    "densify_from",
+    "densify_until",
+    "densify_interval",
+    "densify_threshold",
+    "absgrad_threshold",
+    "percent_dense",
+    "prune_opacity",
+    "prune_scale",
+    "prune_unseen",
+    "max_aspect",
+    "opacity_reset_interval",
+    "mcmc_growth",
+    "mcmc_noise",
+    "mcmc_opacity_weight",
+    "mcmc_scale_weight",
+    "position_lr",
+    "position_lr_final",
+    "opacity_lr",
+    "opacity_lr_final",
+    "scale_lr",
+    "scale_lr_final",
+    "rotation_lr",
+    "refine_poses",
+    "antialias",
+    "samples",
+    "cutoffs",
+];
+
+/// Options of the first splats, which change nothing where those are of a scene.
+const INITIAL_OPTIONS: &[&str] = &["init_points", "init_opacity", "init_scale"];
+
 /// Options that depend on a choice, and whether it is made.
 struct Group {
     choice: Choice,
@@ -77,7 +116,17 @@ impl RunConfig {
     }
 
     fn groups(&self) -> Vec<Group> {
-        Condition::ALL.into_iter().map(|condition| self.group(condition)).collect()
+        let frozen = Group {
+            choice: Choice { option: "freeze", value: "none" },
+            is_made: !self.train.freezes_geometry(),
+            options: GEOMETRY_OPTIONS.to_vec(),
+        };
+        let from = Group {
+            choice: Choice { option: "from", value: "left out" },
+            is_made: self.run.from.is_none(),
+            options: INITIAL_OPTIONS.to_vec(),
+        };
+        Condition::ALL.into_iter().map(|condition| self.group(condition)).chain([frozen, from]).collect()
     }
 
     fn group(&self, condition: Condition) -> Group {

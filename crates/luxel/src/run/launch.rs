@@ -13,7 +13,7 @@ use luxel_train::{RankViews, Trainer};
 use super::ranks::{keeps, tell_settings, tell_state, views_of};
 use super::{Outcome, RunConfig, RunFolder, RunLock, RunMemory, Session, state};
 use crate::error::{Context, bail};
-use crate::{Dataset, Error, ImageLimits, Observer, Result, SelectedEngine, StopFlag, text};
+use crate::{Dataset, Error, ImageLimits, Observer, Result, Scene, SelectedEngine, StopFlag, text};
 
 /// The place of a run, its observer and its stop flag.
 #[derive(Clone, Copy)]
@@ -85,7 +85,16 @@ pub fn fresh_over(
     let views = views_of(&*exchange, &config);
     let dataset = open_dataset(&config.dataset_path(launch.folder.root()), &config, launch, gpu.is_some(), views)?;
     limit_images(engine.as_mut(), &config);
-    let trainer = Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?.with_exchange(exchange);
+    let from =
+        config.run.from.as_deref().map(|path| Scene::open_reporting(path, launch.observer).map(|scene| (path, scene))).transpose()?;
+    let trainer = match &from {
+        None => Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?,
+        Some((path, scene)) => Trainer::from_scene(&dataset, scene, config.train.clone(), engine)
+            .with_context(|| format!("{}: cannot start training from this scene", path.display()))?,
+    };
+    let trainer = trainer.with_exchange(exchange);
+    // Frozen geometry comes with the rasteriser's settings of its scene.
+    let config = RunConfig { train: trainer.config().clone(), ..config };
     let lock = make_room(&dataset)?;
     launch.folder.write_config(&config)?;
     train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })

@@ -3,14 +3,15 @@
 //! In: the plan for the images, by their headers, and the settings. Out: [`RunMemory`], a line
 //! about it, and an error for what cannot fit. The numbers are estimates from above: of images what
 //! is decoded or their limit, of the engine's buffers what a step and a measurement of the largest
-//! image hold, of splats their parameters with moments, mean and copies. A run whose number of
-//! splats is bounded by its data alone is held against those that it starts with; the bound is
-//! reported. Degenerate: where the system tells no limit, nothing is refused.
+//! image hold, or the colours of the first splats, of splats their parameters with moments, mean
+//! and copies. A run whose number of splats is bounded by its data alone is held against those that
+//! it starts with; the bound is reported. Degenerate: where the system tells no limit, nothing is
+//! refused.
 
 use luxel_core::Remedy;
 use luxel_core::engine::ParameterRows;
 use luxel_io::{ImagePlan, IoError, system_memory};
-use luxel_train::TrainConfig;
+use luxel_train::{TrainConfig, first_colors_bytes};
 
 use crate::{memory, text};
 
@@ -63,15 +64,17 @@ impl RunMemory {
         let pixel_bytes = STEP_PIXEL_BYTES + if train.vignetting { VIGNETTED_PIXEL_BYTES } else { 0 };
         let step = pixel_bytes * step_samples + tile_bytes.min(TILE_PIXEL_BYTES * step_samples);
         let measurement = (RENDER_PIXEL_BYTES * samples + MEASURED_PIXEL_BYTES) * plan.largest_px;
-        let rows = ParameterRows { color_model: train.color_model() }.count() as u64;
         // Those of each view, and their sum.
         let gradients = if train.batch > 1 { u64::from(train.batch) + 1 } else { 0 };
         let most_splats = train.splat_limit(plan.train_px) as u64;
+        let splats = train.max_splats.map_or(u64::from(train.init_points).min(most_splats), u64::from);
+        let first_colors = first_colors_bytes(splats, plan.images as u64);
+        let rows = ParameterRows { color_model: train.color_model() }.count() as u64;
         Self {
             images_bytes: plan.memory_bytes(),
-            buffers_bytes: BASE_BYTES + step.max(measurement),
+            buffers_bytes: BASE_BYTES + step.max(measurement).max(first_colors),
             splat_bytes: 4 * (COPIES + gradients) * rows + SPLAT_BYTES,
-            splats: train.max_splats.map_or(u64::from(train.init_points).min(most_splats), u64::from),
+            splats,
             most_splats,
             is_most_in_steps: step > measurement,
         }

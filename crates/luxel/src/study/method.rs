@@ -74,6 +74,8 @@ pub(super) fn with_method(options: &TrainConfig, model: ColorModel) -> TrainConf
         ColorModel::Lcd { chroma_degree, luminance_degree, activation } => {
             (Method::Lcd, Some(activation), Some(chroma_degree), Some(luminance_degree))
         }
+        // A mix is made of scenes, not trained.
+        ColorModel::Mix(_) => return options.clone(),
     };
     TrainConfig { method, activation, chroma_degree, luminance_degree, ..options.clone() }
 }

@@ -12,10 +12,13 @@ light probe's map, which `luxel.Probe.map_from_world` has; without a probe, noth
 from __future__ import annotations
 
 import json
+import struct
 import sys
+import zlib
 from pathlib import Path
 
 import bpy
+import numpy as np
 from bpy.props import FloatVectorProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 from mathutils import Matrix, Vector
@@ -77,6 +80,18 @@ def place_camera(world_from_camera_opengl: list[list[float]], k: list[list[float
     return camera
 
 
+def lens_px(camera: bpy.types.Object, width: int, height: int) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Returns the focal lengths and the principal point of a perspective camera, pixels from the top left."""
+    lens, render = camera.data, bpy.context.scene.render
+    pixel_aspect = render.pixel_aspect_y / render.pixel_aspect_x
+    is_wide = lens.sensor_fit == "HORIZONTAL" or (lens.sensor_fit == "AUTO" and width >= pixel_aspect * height)
+    sensor = lens.sensor_height if lens.sensor_fit == "VERTICAL" else lens.sensor_width
+    span = width if is_wide else pixel_aspect * height
+    focal = lens.lens / sensor * span
+    center = 0.5 * width - lens.shift_x * span, 0.5 * height + lens.shift_y * span / pixel_aspect
+    return (focal, focal / pixel_aspect), center
+
+
 def camera_path(turn: Matrix) -> dict[str, object]:
     """Returns the active camera of every frame as a `transforms.json`, for `luxel render --cameras`.
 
@@ -86,7 +101,6 @@ def camera_path(turn: Matrix) -> dict[str, object]:
     scene = bpy.context.scene
     render = scene.render
     width, height = (side * render.resolution_percentage // 100 for side in (render.resolution_x, render.resolution_y))
-    pixel_aspect = render.pixel_aspect_y / render.pixel_aspect_x
     world_from_blender = turn.inverted().to_4x4()
     frames = []
     kept = scene.frame_current
@@ -95,11 +109,7 @@ def camera_path(turn: Matrix) -> dict[str, object]:
         camera = scene.camera
         if camera is None or camera.data.type != "PERSP":
             raise ValueError(f"frame {number}: expected an active perspective camera")
-        lens = camera.data
-        is_wide = lens.sensor_fit == "HORIZONTAL" or (lens.sensor_fit == "AUTO" and width >= pixel_aspect * height)
-        sensor = lens.sensor_height if lens.sensor_fit == "VERTICAL" else lens.sensor_width
-        span = width if is_wide else pixel_aspect * height
-        focal = lens.lens / sensor * span
+        (focal, focal_y), (cx, cy) = lens_px(camera, width, height)
         # A scaled camera sees the same; its axes are of unit length here.
         location, rotation, _ = camera.matrix_world.decompose()
         pose = world_from_blender @ Matrix.LocRotScale(location, rotation, None)
@@ -107,9 +117,9 @@ def camera_path(turn: Matrix) -> dict[str, object]:
             {
                 "file_path": f"frame_{number:05}",
                 "fl_x": focal,
-                "fl_y": focal / pixel_aspect,
-                "cx": 0.5 * width - lens.shift_x * span,
-                "cy": 0.5 * height + lens.shift_y * span / pixel_aspect,
+                "fl_y": focal_y,
+                "cx": cx,
+                "cy": cy,
                 "w": width,
                 "h": height,
                 "transform_matrix": [list(row) for row in pose],
@@ -131,6 +141,87 @@ def show_plate(path: str | Path) -> None:
     background.image = image
     background.alpha = 1.0
     bpy.context.scene.render.film_transparent = True
+
+
+def read_depth(path: str | Path) -> np.ndarray:
+    """Returns channel Z [height, width] of an OpenEXR file as `luxel render --depth` writes it.
+
+    Blender gives scripts the colours of an image and its alpha, but not its depth.
+    """
+    data = Path(path).read_bytes()
+    wrong = ValueError(f"{path}: expected an OpenEXR file of scan lines with ZIP compression, and Z in 32 bits")
+    if data[:8] != struct.pack("<II", 20000630, 2) and data[:8] != struct.pack("<II", 20000630, 0x402):
+        raise wrong
+    attributes, at = {}, 8
+    while data[at]:
+        name = data[at : data.index(0, at)]
+        at += len(name) + 1
+        kind = data[at : data.index(0, at)]
+        at += len(kind) + 1
+        (size,) = struct.unpack_from("<I", data, at)
+        attributes[name.decode()] = data[at + 4 : at + 4 + size]
+        at += 4 + size
+    at += 1
+    channels, place = [], 0
+    while attributes["channels"][place]:
+        end = attributes["channels"].index(0, place)
+        (kind,) = struct.unpack_from("<I", attributes["channels"], end + 1)
+        channels.append((attributes["channels"][place:end].decode(), 2 if kind == 1 else 4))
+        place = end + 17
+    left, top, right, bottom = struct.unpack("<4i", attributes["dataWindow"])
+    width, height = right - left + 1, bottom - top + 1
+    lines = {0: 1, 2: 1, 3: 16}.get(attributes["compression"][0])
+    if lines is None or ("Z", 4) not in channels:
+        raise wrong
+    row = width * sum(size for _, size in channels)
+    before = width * sum(size for name, size in channels if name < "Z")
+    depth = np.zeros((height, width), np.float32)
+    for offset in struct.unpack_from(f"<{-(-height // lines)}Q", data, at):
+        y, size = struct.unpack_from("<iI", data, offset)
+        count = min(lines, bottom - y + 1)
+        block = np.frombuffer(data, np.uint8, size, offset + 8)
+        if size < row * count:
+            # Differences of bytes, of which the even ones come first.
+            block = np.frombuffer(zlib.decompress(block.tobytes()), np.uint8).copy()
+            block[1:] -= 128
+            block = np.cumsum(block, dtype=np.uint8)
+            halves = np.empty_like(block)
+            halves[0::2], halves[1::2] = block[: -(-len(block) // 2)], block[-(-len(block) // 2) :]
+            block = halves
+        rows = block.reshape(count, row)[:, before : before + 4 * width]
+        depth[y - top : y - top + count] = np.ascontiguousarray(rows).view("<f4")
+    return depth
+
+
+def add_depth(path: str | Path, step: int = 2) -> bpy.types.Object:
+    """Adds what an image's depth shows as a mesh before the active camera, a vertex for every `step` pixels.
+
+    The mesh is a holdout: renders are transparent where it is nearer, and the plate is seen there.
+    """
+    scene = bpy.context.scene
+    camera = scene.camera
+    if camera is None or camera.data.type != "PERSP":
+        raise ValueError("expected an active perspective camera, from which the image was rendered")
+    depth = read_depth(path)
+    height, width = depth.shape
+    (fx, fy), (cx, cy) = lens_px(camera, width, height)
+    y, x = np.mgrid[0:height:step, 0:width:step]
+    z = depth[y, x]
+    local = np.stack([(x + 0.5 - cx) / fx * z, -(y + 0.5 - cy) / fy * z, -z], -1)
+    corners = np.stack([z[:-1, :-1], z[1:, :-1], z[1:, 1:], z[:-1, 1:]])
+    # No surface over a step in depth, nor where there is nothing.
+    connected = (corners.min(0) > 0) & (corners.max(0) < 1e9) & (corners.max(0) < 1.1 * corners.min(0))
+    number = np.arange(z.size).reshape(z.shape)
+    faces = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], -1)[connected]
+    used, faces = np.unique(faces, return_inverse=True)
+    mesh = bpy.data.meshes.new("Luxel depth")
+    mesh.from_pydata(local.reshape(-1, 3)[used].tolist(), [], faces.reshape(-1, 4).tolist())
+    surface = bpy.data.objects.new("Luxel depth", mesh)
+    location, rotation, _ = camera.matrix_world.decompose()
+    surface.matrix_world = Matrix.LocRotScale(location, rotation, None)
+    surface.is_holdout = True
+    scene.collection.objects.link(surface)
+    return surface
 
 
 def add_points(positions: object, size: float, turn: Matrix, name: str = "Luxel points") -> bpy.types.Object:
@@ -202,6 +293,22 @@ class LUXEL_OT_plate(bpy.types.Operator, ImportHelper):  # noqa: N801
         return {"FINISHED"}
 
 
+class LUXEL_OT_depth(bpy.types.Operator, ImportHelper):  # noqa: N801
+    """Add the depth of a render of Luxel as a surface that hides what is behind it"""
+
+    bl_idname = "luxel.depth"
+    bl_label = "Depth"
+    filter_glob: StringProperty(default="*.exr", options={"HIDDEN"})  # type: ignore[valid-type]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            add_depth(self.filepath)
+        except ValueError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
 class LUXEL_PT_panel(bpy.types.Panel):  # noqa: N801
     """The panel in the sidebar."""
 
@@ -214,11 +321,12 @@ class LUXEL_PT_panel(bpy.types.Panel):  # noqa: N801
         column = self.layout.column()
         column.operator(LUXEL_OT_world_light.bl_idname)
         column.operator(LUXEL_OT_plate.bl_idname)
+        column.operator(LUXEL_OT_depth.bl_idname)
         column.operator(LUXEL_OT_camera_path.bl_idname)
         column.prop(context.scene.luxel, "map_from_world")
 
 
-CLASSES = (LuxelSettings, LUXEL_OT_world_light, LUXEL_OT_camera_path, LUXEL_OT_plate, LUXEL_PT_panel)
+CLASSES = (LuxelSettings, LUXEL_OT_world_light, LUXEL_OT_camera_path, LUXEL_OT_plate, LUXEL_OT_depth, LUXEL_PT_panel)
 
 
 def register() -> None:

@@ -390,7 +390,9 @@ class Projection:
         conics: _F32 | None = None,
         depths: _F32 | None = None,
         opacities: _F32 | None = None,
-    ) -> list[_F32]: ...
+        *,
+        by_covariance: bool = False,
+    ) -> list[_F32 | None]: ...
 
 class Blending:
     """Blended images."""

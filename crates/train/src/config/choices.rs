@@ -114,6 +114,15 @@ choices! {
         Mcmc: "mcmc",
     }
 
+    /// Parts of a scene that a run which starts from it leaves as they are.
+    pub enum Freeze = None {
+        /// Nothing
+        None: "none",
+        /// Positions, rotations, scales and opacities, to the bit, and the number and order of
+        /// splats: only colours are trained, for other light on the same geometry
+        Geometry: "geometry",
+    }
+
     /// Presets of the rasteriser's cut-offs.
     pub enum CutoffPreset = Hdr {
         /// Derived for radiance

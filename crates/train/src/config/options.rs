@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::range::Range;
 use super::spec::{Access, Condition, OptionSpec, OptionValue, check_in, parse_in};
-use super::{BatchRule, CutoffPreset, ExposureCompensation, MAX_BATCH, MAX_SEED, Method, Preset, ScaleRule, Strategy};
+use super::{BatchRule, CutoffPreset, ExposureCompensation, Freeze, MAX_BATCH, MAX_SEED, Method, Preset, ScaleRule, Strategy};
 use crate::{NoiseChoice, ResolutionSchedule};
 
 /// Writes the struct, its defaults and the list of options.
@@ -94,6 +94,10 @@ options! {
         /// Fraction of the steps, at the end and after densification, over which the parameters are
         /// averaged to the final scene; 0 turns it off
         average_share: f32 = 0.15, "FRACTION", Range::ShareBelowOne;
+        /// Fraction of the splats that a step leaves out at random, so that training views are not
+        /// fitted by splats that other views contradict; it rises from 0 at the first step to this
+        /// at the last
+        dropout: f32 = 0.2, "FRACTION", Range::ShareBelowOne;
     }
     "Colour model" {
         /// Colour model
@@ -162,6 +166,8 @@ options! {
         cutoffs: CutoffPreset = CutoffPreset::Hdr, "CUTOFFS", Range::Any;
     }
     "Splats" {
+        /// Part of the scene of `from` that is not trained
+        freeze: Freeze = Freeze::None, "PART", Range::Any;
         /// Number of initial splats where the data set has no points
         init_points: u32 = 100_000, "N", Range::AtLeast(1);
         /// Initial opacity

@@ -64,6 +64,8 @@ presets! {
     /// Paper: 0, as published. Full and fast: the mean removes the movement that Adam's steps
     /// leave.
     average_share:           0.0,                         0.15,                        0.15;
+    /// Paper: 0, as published. Full and fast: few views are overfit without it.
+    dropout:                 0.0,                         0.2,                         0.2;
     /// Paper: 3DGS's rate, which suits cameras all around an object. Full and fast: at a higher
     /// rate, splats reach their places in the room.
     position_lr:             1.6e-4,                      4e-4,                        4e-4;

@@ -1,7 +1,7 @@
 //! Checks of ranges and combinations.
 
 use super::spec::Condition;
-use super::{OPTIONS, OptionSpec, TrainConfig};
+use super::{Freeze, OPTIONS, OptionSpec, TrainConfig};
 use crate::TrainError;
 
 /// An option that is set although a choice that it depends on was not made.
@@ -37,7 +37,16 @@ impl TrainConfig {
                 format!("found {until}, expected a step after {from}, from which poses are optimised"),
             ));
         }
+        if self.freezes_geometry() && self.refine_poses {
+            let reason = "poses are refined together with the splats that `freeze` keeps as they are; refine them in the run of the scene";
+            return Err(TrainError::config("refine_poses", reason.to_owned()));
+        }
         self.validate_decays()
+    }
+
+    /// Returns whether positions, rotations, scales and opacities are kept as they are.
+    pub fn freezes_geometry(&self) -> bool {
+        self.freeze == Freeze::Geometry
     }
 
     /// Returns the options that are set although a choice that they depend on was not made. Options

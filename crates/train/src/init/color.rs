@@ -9,34 +9,54 @@ use glam::{DVec2, DVec3};
 use luxel_core::{Point, ReadError, View, luminance_sum};
 use rayon::prelude::*;
 
+use crate::start_views::StartViews;
+
 /// Views that a point without a track is looked for in. A median of as many is exact enough, and
 /// all views of a large set would be read again and again, since samples have to fit into memory.
 const MAX_VIEWS: usize = 32;
 
-/// Samples of points that are held at the same time while images are read on demand.
+/// Samples of points that are held at the same time.
 const MAX_SAMPLES: usize = 1 << 22;
 
+/// Most bytes of a sample while colours are found: the place and the radiance, and what vectors
+/// that grow have to spare.
+const SAMPLE_BYTES: u64 = 96;
+
+/// Points whose places are computed together.
+const BLOCK: usize = 1 << 12;
+
+/// Returns the most memory that finding the colours of so many points takes, bytes, without the
+/// images.
+pub(super) fn memory_bytes(points: u64, views: u64) -> u64 {
+    SAMPLE_BYTES * (MAX_SAMPLES as u64).min(points.saturating_mul(views.min(MAX_VIEWS as u64)))
+}
+
 /// Returns the radiance of each point over its track or, without a track, over the views it
-/// projects into. Images that are read on demand are in memory one after the other.
+/// projects into, and what `also` returns for each view. All views are read once for `also` and as
+/// many points as [`MAX_SAMPLES`] allow; what remains reads the views again that show it.
 ///
 /// # Errors
 /// An image that cannot be read.
-pub(super) fn of_points(points: &[Point], train: &[View]) -> Result<Vec<Option<[f32; 3]>>, ReadError> {
-    if train.iter().all(View::is_in_memory) {
-        let of_point = |point: &Point| {
-            median_color(track(point, train).filter_map(|seen| sample(&train[seen.view], seen.at_px)).collect()).or_else(|| {
-                median_color(projections(point, train).into_iter().filter_map(|seen| sample(&train[seen.view], seen.at_px)).collect())
-            })
-        };
-        return Ok(points.par_iter().map(of_point).collect());
-    }
-    let mut colors = streamed(points, train, &|point| track(point, train).collect())?;
-    // Those whose track shows no valid pixel, or that have none.
-    let missing: Vec<usize> = (0..points.len()).filter(|i| colors[*i].is_none()).collect();
+pub(super) fn of_points<T: Send>(
+    points: &[Point],
+    views: StartViews<'_>,
+    also: impl Fn(&View) -> T + Sync,
+) -> Result<(Vec<Option<[f32; 3]>>, Vec<T>), ReadError> {
+    let train = views.train;
+    let has_track = |point: &Point| track(point, train).next().is_some();
+    let places = |point: &Point| if has_track(point) { track(point, train).collect() } else { projections(point, train) };
+    let first = Part::new(points, train, &places);
+    let looked = views.look(&views.all(), |i, view| (also(view), first.samples(i, view)))?;
+    let (told, samples): (Vec<T>, Vec<_>) = looked.into_iter().unzip();
+    let taken = first.points;
+    let mut colors = first.colors(views.all(), samples);
+    colors.extend(streamed(&points[taken..], views, &places)?);
+    // Those whose track shows no valid pixel.
+    let missing: Vec<usize> = (0..points.len()).filter(|i| colors[*i].is_none() && has_track(&points[*i])).collect();
     let without: Vec<Point> = missing.iter().map(|i| Point { observations: Vec::new(), ..points[*i].clone() }).collect();
-    let found = streamed(&without, train, &|point| projections(point, train))?;
+    let found = streamed(&without, views, &places)?;
     missing.into_iter().zip(found).for_each(|(i, color)| colors[i] = color);
-    Ok(colors)
+    Ok((colors, told))
 }
 
 /// A place in a view where a point is seen.
@@ -68,31 +88,62 @@ fn projections(point: &Point, train: &[View]) -> Vec<Seen> {
     all.into_iter().enumerate().filter(|(i, _)| is_taken(*i)).map(|(_, seen)| seen).collect()
 }
 
-/// Returns the colours of points over the places where they are seen, with one image in memory at a
-/// time. Points are taken in parts whose samples stay within [`MAX_SAMPLES`].
-fn streamed(points: &[Point], train: &[View], places: &(dyn Fn(&Point) -> Vec<Seen> + Sync)) -> Result<Vec<Option<[f32; 3]>>, ReadError> {
+/// Returns the colours of points over the places where they are seen, in parts whose samples stay
+/// within [`MAX_SAMPLES`]; each part reads the views that show it.
+fn streamed(points: &[Point], views: StartViews<'_>, places: &Places<'_>) -> Result<Vec<Option<[f32; 3]>>, ReadError> {
     let mut colors = Vec::with_capacity(points.len());
-    let mut rest = points;
-    while !rest.is_empty() {
-        let mut by_view: Vec<Vec<(usize, DVec2)>> = train.iter().map(|_| Vec::new()).collect();
-        let (mut count, mut taken) = (0, 0);
-        while taken < rest.len() && (taken == 0 || count < MAX_SAMPLES) {
-            let seen = places(&rest[taken]);
-            count += seen.len();
-            seen.into_iter().for_each(|seen| by_view[seen.view].push((taken, seen.at_px)));
-            taken += 1;
-        }
-        let mut samples: Vec<Vec<[f32; 3]>> = vec![Vec::new(); taken];
-        for (view, places) in train.iter().zip(by_view).filter(|(_, places)| !places.is_empty()) {
-            let view = view.loaded()?;
-            for (point, at_px) in places {
-                samples[point].extend(sample(&view, at_px));
-            }
-        }
-        colors.par_extend(samples.into_par_iter().map(median_color));
-        rest = &rest[taken..];
+    while colors.len() < points.len() {
+        let part = Part::new(&points[colors.len()..], views.train, places);
+        let seen: Vec<usize> = views.all().into_iter().filter(|i| !part.by_view[*i].is_empty()).collect();
+        let samples = views.look(&seen, |i, view| part.samples(i, view))?;
+        colors.extend(part.colors(seen, samples));
     }
     Ok(colors)
+}
+
+type Places<'a> = dyn Fn(&Point) -> Vec<Seen> + Sync + 'a;
+
+/// The first of some points, and where each view shows them.
+struct Part {
+    /// Number of points.
+    points: usize,
+    /// Index and place of the points in each view.
+    by_view: Vec<Vec<(usize, DVec2)>>,
+}
+
+impl Part {
+    /// Takes points from the front, blocks of them, until their samples reach [`MAX_SAMPLES`].
+    fn new(points: &[Point], train: &[View], places: &Places<'_>) -> Self {
+        let mut by_view: Vec<Vec<(usize, DVec2)>> = train.iter().map(|_| Vec::new()).collect();
+        let (mut count, mut taken) = (0, 0);
+        for block in points.chunks(BLOCK) {
+            let seen: Vec<Vec<Seen>> = block.par_iter().map(places).collect();
+            for (point, seen) in (taken..).zip(seen) {
+                count += seen.len();
+                seen.into_iter().for_each(|seen| by_view[seen.view].push((point, seen.at_px)));
+            }
+            taken += block.len();
+            if count >= MAX_SAMPLES {
+                break;
+            }
+        }
+        Self { points: taken, by_view }
+    }
+
+    /// Returns what a view shows at its places.
+    fn samples(&self, index: usize, view: &View) -> Vec<Option<[f32; 3]>> {
+        self.by_view[index].iter().map(|(_, at_px)| sample(view, *at_px)).collect()
+    }
+
+    /// Returns the colours of the points by the samples of the views of these indices.
+    fn colors(mut self, views: Vec<usize>, samples: Vec<Vec<Option<[f32; 3]>>>) -> Vec<Option<[f32; 3]>> {
+        let mut of_point: Vec<Vec<[f32; 3]>> = vec![Vec::new(); self.points];
+        for (view, samples) in views.into_iter().zip(samples) {
+            let places = std::mem::take(&mut self.by_view[view]);
+            places.into_iter().zip(samples).for_each(|((point, _), sample)| of_point[point].extend(sample));
+        }
+        of_point.into_par_iter().map(median_color).collect()
+    }
 }
 
 /// Samples an image bilinearly at pixel coordinates (pixel centres at +0.5), from valid pixels
@@ -180,7 +231,7 @@ mod tests {
     use luxel_core::{Image, Mask};
 
     use super::*;
-    use crate::testing::{camera_at, view_of};
+    use crate::testing::{camera_at, dataset_of, on_demand, view_of};
 
     fn two_pixels() -> View {
         let image = Image::from_pixels(2, 1, vec![[1.0; 3], [3.0; 3]]).unwrap();
@@ -239,16 +290,21 @@ mod tests {
     fn images_on_demand_give_the_same_colors() {
         let pixels = (0..64 * 64).map(|i| [i as f32, (i % 64) as f32, 1.0]).collect();
         let image = Image::from_pixels(64, 64, pixels).unwrap();
-        let train: Vec<View> = (0..3).map(|i| view_of("v", camera_at([0.1 * f64::from(i), 0.0, 0.0], [64, 64]), image.clone())).collect();
+        let train: Vec<View> =
+            (0..3).map(|i| view_of(&format!("v{i}"), camera_at([0.1 * f64::from(i), 0.0, 0.0], [64, 64]), image.clone())).collect();
         let seen = |view, pixel_px| luxel_core::Observation { view, pixel_px };
         let point = |x: f32, observations| Point { position: [x, 0.1, 4.0], rgb8: None, observations };
         let mut points: Vec<Point> = (0..40).map(|i| point(0.1 * i as f32 - 2.0, Vec::new())).collect();
         points.push(point(0.0, vec![seen(0, [3.5, 4.5]), seen(2, [9.0, 8.0]), seen(7, [1.0; 2])]));
         points.push(point(0.3, vec![seen(1, [-5.0, 0.0])]));
         points.push(point(1e6, Vec::new()));
-        let later: Vec<View> = train.iter().map(crate::testing::on_demand).collect();
-        let (now, later) = (of_points(&points, &train).unwrap(), of_points(&points, &later).unwrap());
+        let later: Vec<View> = train.iter().map(on_demand).collect();
+        let [(now, names), (later, _)] = [train, later].map(|train| {
+            let data = dataset_of(train);
+            of_points(&points, StartViews::new(&data, None), |view| view.name.clone()).unwrap()
+        });
         assert_eq!(now, later);
+        assert_eq!(names, ["v0", "v1", "v2"]);
         assert!(now[40].is_some() && now[41].is_some() && now[42].is_none());
     }
 

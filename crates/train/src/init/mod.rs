@@ -14,15 +14,17 @@ mod color;
 mod neighbours;
 mod volume;
 
-use luxel_core::{ColorModel, Dataset, Point, PointCoverage, RadianceScale, Splat, Splats, luminance_sum};
+use luxel_core::{ColorModel, Dataset, Knots, Point, PointCoverage, RadianceScale, Splat, Splats, luminance_sum};
 use rand::SeedableRng;
 use rand::seq::index::sample;
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
+use crate::TrainError;
 use crate::config::TrainConfig;
+use crate::scale::{Luminances, Sampling};
+use crate::start_views::StartViews;
 use crate::views::pixels;
-use crate::{TrainError, scale};
 
 /// Smallest initial R + G + B of a splat, normalised units: half of where the mu-law turns linear.
 /// Lower values look black to the loss, and the gradient of an activation almost vanishes.
@@ -35,15 +37,81 @@ const MAX_COORDINATE: f32 = 1e9;
 /// Constant that separates the random stream of the initialisation from others of the same seed.
 const INIT_STREAM: u64 = 0x6c75_7865_6c01;
 
-/// Returns the initial scene.
+/// The scene before the first step.
+#[derive(Debug, PartialEq)]
+pub struct Initial {
+    /// The splats, normalised units.
+    pub splats: Splats,
+    /// The radiance of one normalised unit.
+    pub radiance_scale: RadianceScale,
+}
+
+/// Returns the initial scene. Images that are read on demand are read once, unless the points have
+/// more samples than memory holds at a time, or tracks that show no valid pixel. Captured values
+/// become radiance by `knots`.
 ///
 /// # Errors
-/// Returns [`TrainError::NoTrainViews`], or [`TrainError::NoSplats`] if the cameras see no common
-/// volume.
-pub fn initialise(dataset: &Dataset, config: &TrainConfig, radiance_scale: RadianceScale) -> Result<Splats, TrainError> {
+/// Returns [`TrainError::NoTrainViews`], [`TrainError::NoSplats`] if the cameras see no common
+/// volume, [`TrainError::NoPixels`] or [`TrainError::AllBlack`] if the images tell no scale, and
+/// [`TrainError::Read`] for an image that cannot be read again.
+pub fn initialise(dataset: &Dataset, config: &TrainConfig, knots: Option<Knots>) -> Result<Initial, TrainError> {
     if dataset.train.is_empty() {
         return Err(TrainError::NoTrainViews);
     }
+    let points = starting_points(dataset, config)?;
+    let (colors, radiance_scale) = colors_at(&points, dataset, config, knots)?;
+    Ok(Initial { splats: splats_at(&points, &colors, config), radiance_scale })
+}
+
+/// Returns the radiance of one normalised unit that the options state.
+fn given_scale(config: &TrainConfig) -> Result<Option<RadianceScale>, TrainError> {
+    let given = config.radiance_scale.map(RadianceScale::try_from).transpose();
+    given.map_err(|e| TrainError::config("radiance-scale", e.to_string()))
+}
+
+/// Returns the radiance of one normalised unit, from the images unless the options state it.
+///
+/// # Errors
+/// Those of [`initialise`].
+pub(crate) fn radiance_scale_of(dataset: &Dataset, config: &TrainConfig, knots: Option<Knots>) -> Result<RadianceScale, TrainError> {
+    if let Some(given) = given_scale(config)? {
+        return Ok(given);
+    }
+    let views = StartViews::new(dataset, knots);
+    let sampling = Sampling::new(&dataset.train, config.scale_rule);
+    let luminances = views.look(&views.all(), |_, view| Luminances::new(view, sampling))?;
+    Luminances::of_all(luminances, &views, sampling)?.radiance_scale(config.scale_rule)
+}
+
+/// Returns the colours of points in the images, normalised units, and the radiance of one such
+/// unit.
+fn colors_at(
+    points: &[Point],
+    dataset: &Dataset,
+    config: &TrainConfig,
+    knots: Option<Knots>,
+) -> Result<(Vec<[f32; 3]>, RadianceScale), TrainError> {
+    let given = given_scale(config)?;
+    let views = StartViews::new(dataset, knots);
+    let sampling = Sampling::new(&dataset.train, config.scale_rule);
+    let (colors, luminances) = color::of_points(points, views, |view| Luminances::new(view, sampling))?;
+    let luminances = Luminances::of_all(luminances, &views, sampling)?;
+    let radiance_scale = given.map_or_else(|| luminances.radiance_scale(config.scale_rule), Ok)?;
+    // If all images are black, there is no typical luminance, and the floor of colours applies to
+    // all splats.
+    let fallback = color::Fallback::new(points, luminances.median().unwrap_or(0.0));
+    let colors = colors.into_par_iter().zip(points).map(|(color, point)| color.unwrap_or_else(|| fallback.of_point(point)));
+    Ok((colors.map(|rgb| at_least(MIN_LUMINANCE, radiance_scale.normalised(rgb))).collect(), radiance_scale))
+}
+
+/// Returns the most memory that finding the colours of so many first splats takes, bytes, without
+/// the images.
+pub fn first_colors_bytes(splats: u64, views: u64) -> u64 {
+    color::memory_bytes(splats, views)
+}
+
+/// Returns the points where splats start.
+fn starting_points(dataset: &Dataset, config: &TrainConfig) -> Result<Vec<Point>, TrainError> {
     let mut rng = Pcg64Mcg::seed_from_u64(config.seed ^ INIT_STREAM);
     let is_usable = |point: &&Point| point.position.iter().all(|v| v.is_finite() && v.abs() < MAX_COORDINATE);
     let mut points: Vec<Point> = dataset.points.iter().filter(is_usable).cloned().collect();
@@ -69,31 +137,18 @@ pub fn initialise(dataset: &Dataset, config: &TrainConfig, radiance_scale: Radia
     if points.is_empty() {
         return Err(TrainError::NoSplats("the cameras see no common volume; give a point cloud with the data set"));
     }
-    splats_at(&points, dataset, config, radiance_scale)
+    Ok(points)
 }
 
-fn splats_at(points: &[Point], dataset: &Dataset, config: &TrainConfig, radiance_scale: RadianceScale) -> Result<Splats, TrainError> {
+fn splats_at(points: &[Point], colors: &[[f32; 3]], config: &TrainConfig) -> Splats {
     let color_model = config.color_model();
-    // If all images are black, there is no typical luminance, and the floor below applies to all
-    // splats.
-    let typical = match scale::median_luminance(&dataset.train) {
-        Err(error @ TrainError::Read(_)) => return Err(error),
-        found => found.unwrap_or(0.0),
-    };
-    let fallback = color::Fallback::new(points, typical);
-    let colors: Vec<[f32; 3]> = color::of_points(points, &dataset.train)?
-        .into_par_iter()
-        .zip(points)
-        .map(|(color, point)| color.unwrap_or_else(|| fallback.of_point(point)))
-        .map(|rgb| at_least(MIN_LUMINANCE, radiance_scale.normalised(rgb)))
-        .collect();
     let positions: Vec<[f32; 3]> = points.iter().map(|point| point.position).collect();
     let (opacity, shrink) = (config.initial_opacity(), config.initial_scale());
     let mut splats = Splats::empty(color_model);
     let mut sh = vec![0.0; 3 * color_model.sh_coefficients()];
     let mut raw_luminance = vec![0.0; color_model.luminance_coefficients()];
     for ((position, rgb), distance) in positions.iter().zip(colors).zip(neighbours::distances(&positions)) {
-        write_color(color_model, rgb, &mut sh, &mut raw_luminance);
+        write_color(color_model, *rgb, &mut sh, &mut raw_luminance);
         splats.push(&Splat {
             position: *position,
             rotation: [1.0, 0.0, 0.0, 0.0],
@@ -103,7 +158,28 @@ fn splats_at(points: &[Point], dataset: &Dataset, config: &TrainConfig, radiance
             raw_luminance: &raw_luminance,
         });
     }
-    Ok(splats)
+    splats
+}
+
+/// Returns the splats with colours from the images, of the colour model of `config`; their geometry
+/// and opacity stay as they are.
+///
+/// # Errors
+/// Those of [`initialise`].
+pub(crate) fn recolored(splats: &Splats, dataset: &Dataset, config: &TrainConfig, knots: Option<Knots>) -> Result<Initial, TrainError> {
+    let points: Vec<Point> =
+        splats.position.iter().map(|position| Point { position: *position, rgb8: None, observations: Vec::new() }).collect();
+    let color_model = config.color_model();
+    let mut colored = Splats { color_model, sh: Vec::new(), raw_luminance: Vec::new(), ..splats.clone() };
+    let mut sh = vec![0.0; 3 * color_model.sh_coefficients()];
+    let mut raw_luminance = vec![0.0; color_model.luminance_coefficients()];
+    let (colors, radiance_scale) = colors_at(&points, dataset, config, knots)?;
+    for rgb in colors {
+        write_color(color_model, rgb, &mut sh, &mut raw_luminance);
+        colored.sh.extend_from_slice(&sh);
+        colored.raw_luminance.extend_from_slice(&raw_luminance);
+    }
+    Ok(Initial { splats: colored, radiance_scale })
 }
 
 fn write_color(color_model: ColorModel, rgb: [f32; 3], sh: &mut [f32], raw_luminance: &mut [f32]) {
@@ -146,6 +222,14 @@ mod tests {
         dataset_of(vec![view_of("a", camera_at([0.0; 3], [64, 64]), image()), view_of("b", camera_at([0.0, 0.1, 0.0], [64, 64]), image())])
     }
 
+    /// The first splats where a normalised unit is `scale`.
+    fn splats_of(data: &Dataset, config: &TrainConfig, scale: f32) -> Splats {
+        let config = TrainConfig { radiance_scale: Some(scale), ..config.clone() };
+        let initial = initialise(data, &config, None).unwrap();
+        assert_eq!(initial.radiance_scale.get(), scale);
+        initial.splats
+    }
+
     fn point(position: [f32; 3]) -> Point {
         Point { position, rgb8: None, observations: Vec::new() }
     }
@@ -157,7 +241,7 @@ mod tests {
         data.points[0].observations = vec![Observation { view: 0, pixel_px: [10.0, 10.0] }];
         for method in [Method::Lcd, Method::Sh3] {
             let config = TrainConfig { method, ..TrainConfig::default() };
-            let splats = initialise(&data, &config, RadianceScale::new(10.0).unwrap()).unwrap();
+            let splats = splats_of(&data, &config, 10.0);
             splats.validate().unwrap();
             for (i, expected) in [[0.02, 0.01, 0.01], [20.0, 40.0, 10.0]].into_iter().enumerate() {
                 let rgb = splats.radiance(i, [0.0, 0.0, 1.0]);
@@ -172,8 +256,9 @@ mod tests {
     fn point_outside_of_all_views_takes_its_files_colour_at_a_typical_luminance() {
         let mut data = wall();
         data.points = vec![Point { rgb8: Some([255, 0, 0]), ..point([0.0, 0.0, -4.0]) }, point([0.0, 0.0, -5.0]), point([0.0, 0.0, 4.0])];
-        let splats = initialise(&data, &TrainConfig::default(), RadianceScale::ONE).unwrap();
-        let typical = scale::median_luminance(&data.train).unwrap();
+        let splats = splats_of(&data, &TrainConfig::default(), 1.0);
+        // The median of the pixels of both halves.
+        let typical = 700.0 / 3.0;
         let red = splats.radiance(0, [0.0, 0.0, 1.0]);
         assert!((luminance_sum(red) / (3.0 * typical) - 1.0).abs() < 1e-3 && red[1] < 0.01 * red[0], "{red:?}");
         let grey = splats.radiance(1, [0.0, 0.0, 1.0]);
@@ -185,14 +270,14 @@ mod tests {
         let mut data = wall();
         data.points.clear();
         let config = TrainConfig { init_points: 500, ..TrainConfig::default() };
-        let splats = initialise(&data, &config, RadianceScale::ONE).unwrap();
+        let splats = splats_of(&data, &config, 1.0);
         assert_eq!(splats.len(), 500);
         for position in &splats.position {
             let at = glam::DVec3::new(position[0].into(), position[1].into(), position[2].into());
             assert!(data.train.iter().all(|view| view.camera.project(at).is_some()), "{position:?} is behind a camera");
         }
-        assert_eq!(splats, initialise(&data, &config, RadianceScale::ONE).unwrap());
-        assert_ne!(splats, initialise(&data, &TrainConfig { seed: 1, ..config }, RadianceScale::ONE).unwrap());
+        assert_eq!(splats, splats_of(&data, &config, 1.0));
+        assert_ne!(splats, splats_of(&data, &TrainConfig { seed: 1, ..config }, 1.0));
     }
 
     #[test]
@@ -200,16 +285,16 @@ mod tests {
         let config = TrainConfig { init_points: 300, ..TrainConfig::default() };
         let mut data = wall();
         data.points.clear();
-        let from_cameras = initialise(&data, &config, RadianceScale::ONE).unwrap();
+        let from_cameras = splats_of(&data, &config, 1.0);
         let behind = |i: usize| point([0.1 * i as f32, 0.0, -4.0]);
         let before = |i: usize| point([0.01 * i as f32, 0.0, 4.0]);
         for points in [(0..90).map(behind).chain((0..40).map(before)).collect(), vec![point([0.0, 0.0, 4.0]); 50]] {
             data.points = points;
-            assert_eq!(initialise(&data, &config, RadianceScale::ONE).unwrap(), from_cameras);
+            assert_eq!(splats_of(&data, &config, 1.0), from_cameras);
         }
         // A scan that reaches beyond what the cameras see.
         data.points = (0..90).map(behind).chain((0..60).map(before)).collect();
-        assert_eq!(initialise(&data, &config, RadianceScale::ONE).unwrap().len(), 150);
+        assert_eq!(splats_of(&data, &config, 1.0).len(), 150);
     }
 
     #[test]
@@ -217,7 +302,7 @@ mod tests {
         let mut data = wall();
         data.points = (0..50).map(|i| point([i as f32 * 0.01, 0.0, 4.0])).collect();
         let config = TrainConfig { max_splats: Some(20), ..TrainConfig::default() };
-        assert_eq!(initialise(&data, &config, RadianceScale::ONE).unwrap().len(), 20);
+        assert_eq!(splats_of(&data, &config, 1.0).len(), 20);
     }
 
     #[test]
@@ -239,7 +324,7 @@ mod tests {
         data.points[5].observations = vec![Observation { view: 77, pixel_px: [f32::NAN, 3.0] }];
         for strategy in [Strategy::Adc, Strategy::Mcmc] {
             let config = TrainConfig { strategy, ..TrainConfig::default() };
-            let splats = initialise(&data, &config, RadianceScale::ONE).unwrap();
+            let splats = splats_of(&data, &config, 1.0);
             splats.validate().unwrap();
             assert_eq!(splats.len(), 41);
         }

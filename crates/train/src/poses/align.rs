@@ -114,6 +114,7 @@ fn step(scene: &AlignmentScene) -> StepConfig {
         learning_rates: none,
         betas: AdamBetas::default(),
         position_noise: None,
+        dropout: None,
         stats: StatsCollection::Off,
         camera_gradient: CameraGradientChoice::Compute,
     }

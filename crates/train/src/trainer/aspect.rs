@@ -14,7 +14,7 @@ impl Trainer {
     /// Shortens needles where that is due after `step`.
     pub(super) fn limit_aspect(&mut self, step: u32) -> Result<(), TrainError> {
         let most = self.state.config.max_aspect;
-        if most <= 0.0 || !(step.is_multiple_of(INTERVAL) || step >= self.state.config.iterations) {
+        if most <= 0.0 || self.state.config.freezes_geometry() || !(step.is_multiple_of(INTERVAL) || step >= self.state.config.iterations) {
             return Ok(());
         }
         let (mut splats, moments) = self.engine.save()?;

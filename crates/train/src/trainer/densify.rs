@@ -29,8 +29,11 @@ impl Trainer {
     }
 
     /// Applies everything that is due after `step`: a round of densification, pruning of unseen
-    /// splats, a cap on opacities, the smoothing filter.
+    /// splats, a cap on opacities, the smoothing filter; nothing where geometry is frozen.
     pub(super) fn densify(&mut self, step: u32) -> Result<(), TrainError> {
+        if self.state.config.freezes_geometry() {
+            return Ok(());
+        }
         let is_round = self.schedule.densifies_after(step);
         let cap = self.schedule.opacity_cap_after(step);
         let unseen = self.unseen_after(step);

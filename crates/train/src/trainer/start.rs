@@ -3,18 +3,19 @@
 //! In: a data set, a configuration or a snapshot, an engine. Out: a [`Trainer`] whose engine holds
 //! the scene. Degenerate: views or states that cannot be trained are errors.
 
-use luxel_core::{Alone, Antialias, CameraProjection, Dataset, Engine, RadianceScale, Snapshot, View, spatial_order};
+use luxel_core::{Alone, Antialias, CameraProjection, Dataset, Engine, Remedy, Scene, Snapshot, View, spatial_order};
 
 use super::health::Visibility;
+use super::scene_start::{check_scene, start_of_scene, with_raster};
 use super::{Trainer, VecDeque};
 use crate::average::Average;
 use crate::camera_response::CameraResponse;
 use crate::pixel_weights::ToneScale;
-use crate::recorded::{as_radiance, is_recorded};
+use crate::recorded::is_recorded;
 use crate::state::{Start, State, poses_of};
 use crate::views::TrainingViews;
 use crate::vignetting::{Lenses, check_lenses};
-use crate::{Schedule, TrainConfig, TrainError, choose_radiance_scale, initialise};
+use crate::{Initial, Schedule, TrainConfig, TrainError, initialise};
 
 /// Factor between the greatest distance of a camera from the cameras' centroid and the scene's
 /// extent (Kerbl et al. 2023).
@@ -26,22 +27,44 @@ impl Trainer {
     /// # Errors
     /// Returns a [`TrainError`] if an option is out of range, if there is nothing to train on, or
     /// if the engine refuses the scene.
-    pub fn new(dataset: &Dataset, config: TrainConfig, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
+    pub fn new(dataset: &Dataset, config: TrainConfig, engine: Box<dyn Engine>) -> Result<Self, TrainError> {
+        if config.freezes_geometry() {
+            let reason = "there is no scene whose geometry could be kept".to_owned();
+            return Err(TrainError::NeedsScene { reason, remedy: Remedy::give("from") });
+        }
+        Self::start(dataset, None, config, engine)
+    }
+
+    /// Starts a new run from the splats of a scene, in place of new ones.
+    ///
+    /// Their order stays. With [`crate::Freeze::Geometry`] positions, rotations, scales, opacities,
+    /// the 3D filter and the settings of the rasteriser are the scene's throughout, and colours
+    /// begin anew, from the images. Otherwise colours begin as the scene's, in the data set's own
+    /// radiance scale, and everything is trained as in any run.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`]; a scene that does not go with the data set or the options.
+    pub fn from_scene(dataset: &Dataset, scene: &Scene, config: TrainConfig, engine: Box<dyn Engine>) -> Result<Self, TrainError> {
+        let config = if config.freezes_geometry() { with_raster(config, &scene.raster)? } else { config };
+        check_scene(dataset, scene, &config)?;
+        Self::start(dataset, Some(scene), config, engine)
+    }
+
+    fn start(dataset: &Dataset, scene: Option<&Scene>, config: TrainConfig, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
         config.validate()?;
         check_views(dataset)?;
         check_batch(dataset, &config)?;
         check_focal(dataset, &config)?;
         check_lenses(dataset, &config)?;
         let response = is_recorded(&dataset.train)?.then(|| CameraResponse::new(config.unit_exposure, &dataset.train));
-        let radiance = response.as_ref().map(|response| as_radiance(dataset, &response.knots()));
-        let start = radiance.as_ref().unwrap_or(dataset);
-        let radiance_scale = match config.radiance_scale {
-            Some(scale) => RadianceScale::try_from(scale).map_err(|e| TrainError::config("radiance-scale", e.to_string()))?,
-            None => choose_radiance_scale(&start.train, config.scale_rule)?,
+        let knots = response.as_ref().map(CameraResponse::knots);
+        let Initial { splats, radiance_scale } = match scene {
+            Some(scene) => start_of_scene(scene, dataset, &config, knots)?,
+            None => {
+                let Initial { splats, radiance_scale } = initialise(dataset, &config, knots)?;
+                Initial { splats: splats.select(spatial_order(&splats.position)), radiance_scale }
+            }
         };
-        let initial = initialise(start, &config, radiance_scale)?;
-        drop(radiance);
-        let splats = initial.select(spatial_order(&initial.position));
         let extent = scene_extent(&dataset.train, &splats.position);
         engine.load(&splats, None)?;
         tracing::info!(
@@ -55,7 +78,7 @@ impl Trainer {
         let mut trainer = Self::assemble(dataset, state, None, engine);
         trainer.warn_of_average();
         trainer.check_pose_steps()?;
-        if trainer.state.config.antialias == Antialias::Mip {
+        if trainer.state.config.antialias == Antialias::Mip && !trainer.state.config.freezes_geometry() {
             trainer.update_smoothing()?;
         }
         Ok(trainer)

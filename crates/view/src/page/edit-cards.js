@@ -20,6 +20,10 @@ const MAPS = {
   "clamp-max": [LEVEL],
   "compress-above": [LEVEL, { what: "stops that become one", low: 0.5, high: 10, step: 0.1, fresh: "4" }],
   "lift-below": [LEVEL, { what: "part of the distance that goes, 0 to 1", low: -1, high: 0.99, step: 0.01, fresh: "0.5" }],
+  light: [
+    { what: "number of the light in the mix", low: 1, high: 8, step: 1, fresh: "1" },
+    { what: "factor", low: -8, high: 8, step: 0.05, fresh: "0.5", log: true },
+  ],
   curve: [],
 };
 const TITLES = { light: "Light", delete: "Delete", floaters: "Delete floaters", axes: "Up and origin" };
@@ -159,6 +163,7 @@ export class EditCards {
     const add = make("select", { title: "Adds a map to this edit", label: "Add a map" }, make("option", { value: "", textContent: "add a map" }));
     for (const name of Object.keys(MAPS)) {
       if (name === "pivot" && entry.maps.at(-1)?.name !== "power") continue;
+      if (name === "light" && !((edits.viewer.scene?.lights ?? 1) > 1)) continue;
       add.append(make("option", { value: name, textContent: name }));
     }
     add.addEventListener("change", () => {

@@ -9,6 +9,7 @@ import { Exposure } from "./exposure.js";
 import { foldSections } from "./folding.js";
 import { Handles } from "./handles.js";
 import { HdrScreen } from "./hdr.js";
+import { Lights } from "./lights.js";
 import { byId, ControlPanel } from "./panel.js";
 import { Optics } from "./optics.js";
 import { PathPanel } from "./path.js";
@@ -34,7 +35,7 @@ try {
   const edits = new Edits(viewer);
   // Tools take clicks before probes do.
   const saved = new SavedEdits(viewer, edits);
-  if (sources) viewer.parts.push(edits, new Picking(viewer, edits), new Handles(viewer, edits), new Selected(viewer, edits), saved);
+  if (sources) viewer.parts.push(edits, new Lights(edits), new Picking(viewer, edits), new Handles(viewer, edits), new Selected(viewer, edits), saved);
   viewer.parts.push(viewer.probes = new Probes(viewer), viewer.training = new TrainingPanel(viewer));
   viewer.parts.push(new HdrScreen(viewer));
   viewer.parts.push(viewer.radiometry = new Radiometry(viewer), new Shading(viewer));

@@ -75,7 +75,8 @@ export class Sources {
   }
 
   /** Why the scene stays on the server; "" if nothing speaks against the page. @param {Scene} facts */
-  async obstacle({ training, download_bytes: bytes }) {
+  async obstacle({ training, download_bytes: bytes, lights }) {
+    if (lights > 1) return "the scene is a mix of lights, which the server renders";
     if (training || !bytes) return "the scene is being trained";
     const { isSoftware } = await openGpu();
     if (this.rendering !== "automatic") return "";

@@ -43,7 +43,7 @@ fn check_options(path: &Path, explicit: &ExplicitArgs) -> Result<()> {
 pub(super) fn run(args: &ExportArgs, explicit: &ExplicitArgs, _console: &Console) -> Result<()> {
     check_options(&args.output, explicit)?;
     bail!(
-        "{}: this program was built without the viewer, which the page is part of; write .ply, .usda, .glb or .spz",
+        "{}: this program was built without the viewer, which the page is part of; write .ply, .usda, .glb, .spz or .sog",
         args.output.display()
     )
 }

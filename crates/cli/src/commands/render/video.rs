@@ -262,8 +262,9 @@ fn output_options(look: &Look, [max_cll, max_fall]: [u32; 2]) -> Vec<String> {
             );
             words(&[
                 "-vf",
+                // ffmpeg's scale takes 65280 for white in 16 bits, and makes all brighter by it.
                 &format!(
-                    "{even},scale=out_color_matrix=bt2020:out_range=tv,format=yuv420p10le,setparams=color_primaries=bt2020:color_trc=smpte2084:colorspace=bt2020nc"
+                    "{even},zscale=matrix=2020_ncl:range=limited,format=yuv420p10le,setparams=color_primaries=bt2020:color_trc=smpte2084:colorspace=bt2020nc"
                 ),
                 "-c:v",
                 "libx265",

@@ -139,6 +139,14 @@ impl Record {
         }
     }
 
+    /// Returns the values, without a copy of those that are stored as they are.
+    pub(super) fn into_values(self) -> Vec<f32> {
+        match self.payload {
+            Payload::Single(values) => values,
+            _ => self.decode(),
+        }
+    }
+
     fn header(&self) -> [u8; HEADER_BYTES - 32] {
         let mut header = [0; HEADER_BYTES - 32];
         header[..8].copy_from_slice(MAGIC);

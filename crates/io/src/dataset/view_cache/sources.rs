@@ -179,13 +179,14 @@ impl<T: Stored> Source<T> for FileSource<T> {
             return Ok(T::from_values(record.decode(), self.size));
         }
         let record = self.record()?;
+        let bytes = record.bytes();
+        if !self.residency.take(bytes) {
+            return Ok(T::from_values(record.into_values(), self.size));
+        }
         let value = T::from_values(record.decode(), self.size);
-        if self.residency.take(record.bytes()) {
-            let bytes = record.bytes();
-            if self.kept.set(record).is_err() {
-                // Another thread kept it meanwhile.
-                self.residency.give_back(bytes);
-            }
+        if self.kept.set(record).is_err() {
+            // Another thread kept it meanwhile.
+            self.residency.give_back(bytes);
         }
         Ok(value)
     }

@@ -1,5 +1,5 @@
 //! OpenUSD's binary form (crate files, `.usdc`) and packages (`.usdz`): the parts of them that
-//! splats need.
+//! splats and cameras need.
 //!
 //! A file has tables of tokens, strings, fields, sets of fields, paths and specs, each compressed,
 //! and values in between, which fields point to. Written is version 0.8.0, which OpenUSD reads
@@ -9,13 +9,16 @@
 //! Sizes in a file are claims: counts are compared with what the compressed bytes can hold before
 //! memory is taken.
 
+mod cameras;
 mod integers;
+mod numbers;
 mod package;
 mod reader;
 mod splats;
 mod tables;
 mod writer;
 
+pub(super) use cameras::read_cameras;
 pub(super) use package::{layer_in_package, write_package};
 pub(super) use splats::{read, write};
 
@@ -35,6 +38,8 @@ mod kind {
     pub(super) const DOUBLE: u8 = 9;
     pub(super) const STRING: u8 = 10;
     pub(super) const TOKEN: u8 = 11;
+    pub(super) const MATRIX4D: u8 = 15;
+    pub(super) const QUATD: u8 = 16;
     pub(super) const QUATF: u8 = 17;
     pub(super) const QUATH: u8 = 18;
     pub(super) const VEC3D: u8 = 23;
@@ -45,6 +50,9 @@ mod kind {
     pub(super) const TOKEN_VECTOR: u8 = 41;
     pub(super) const SPECIFIER: u8 = 42;
     pub(super) const VARIABILITY: u8 = 44;
+    pub(super) const TIME_SAMPLES: u8 = 46;
+    pub(super) const DOUBLE_VECTOR: u8 = 48;
+    pub(super) const VALUE_BLOCK: u8 = 51;
 }
 
 /// Kinds of specs.

@@ -23,7 +23,8 @@ impl<'a> CrateReader<'a> {
         Ok(Self { bytes, tables: Tables::read(bytes)? })
     }
 
-    fn cursor(&self, value: ValueRep) -> Result<Cursor<'a>, String> {
+    /// Returns the place of a value that is not part of its field.
+    pub(super) fn cursor(&self, value: ValueRep) -> Result<Cursor<'a>, String> {
         let at = usize::try_from(value.payload()).map_err(|_| "a value beyond the file")?;
         Ok(Cursor { bytes: self.bytes, at })
     }

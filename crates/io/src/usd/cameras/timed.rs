@@ -2,17 +2,17 @@
 
 /// A number or a tuple over time.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Timed {
-    pub(super) default: Option<Vec<f64>>,
+pub(in crate::usd) struct Timed {
+    pub(in crate::usd) default: Option<Vec<f64>>,
     /// Sorted by time.
-    pub(super) samples: Vec<Sample>,
+    pub(in crate::usd) samples: Vec<Sample>,
 }
 
 /// A value at a time.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Sample {
-    pub(super) time: f64,
-    pub(super) values: Vec<f64>,
+pub(in crate::usd) struct Sample {
+    pub(in crate::usd) time: f64,
+    pub(in crate::usd) values: Vec<f64>,
 }
 
 impl Timed {
@@ -31,4 +31,11 @@ impl Timed {
             _ => Some(before.values.clone()),
         }
     }
+}
+
+/// Returns samples in the order of their times, one of each time.
+pub(in crate::usd) fn sorted(mut samples: Vec<Sample>) -> Vec<Sample> {
+    samples.sort_by(|a, b| a.time.total_cmp(&b.time));
+    samples.dedup_by(|a, b| a.time == b.time);
+    samples
 }

@@ -16,18 +16,18 @@ const INVERT: &str = "!invert!";
 
 /// Operations of a prim.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Transform {
+pub(in crate::usd) struct Transform {
     order: Vec<String>,
     ops: HashMap<String, Timed>,
 }
 
 impl Transform {
-    pub(super) fn set_order(&mut self, order: Vec<String>) {
+    pub(in crate::usd) fn set_order(&mut self, order: Vec<String>) {
         self.order = order;
     }
 
     /// Returns the values of an operation, `xformOp:translate:pivot`, to be filled.
-    pub(super) fn op(&mut self, name: &str) -> &mut Timed {
+    pub(in crate::usd) fn op(&mut self, name: &str) -> &mut Timed {
         self.ops.entry(name.to_owned()).or_default()
     }
 

@@ -2,96 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from .._luxel import LuxelError
-from ._arrays import array, array_or_none, check, rasterizer
+from ._arrays import check
 from ._colors import colors_towards, eyes_of, sh_model
+from ._passes import Blend, Handles, Project
 
 _MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
-_PARTS = ("means2d", "covars2d", "conics", "depths", "opacities")
-
-
-class _Handles:
-    """What the passes of one call hand to each other besides tensors."""
-
-    projection: Any
-    visible: Any
-
-
-class _Project(torch.autograd.Function):
-    """Ellipses on the screens; `handles` receives the projection."""
-
-    @staticmethod
-    def forward(
-        ctx: Any,
-        means: Tensor,
-        quats: Tensor,
-        scales: Tensor,
-        opacities: Tensor,
-        viewmats: Tensor,
-        Ks: Tensor,
-        options: dict[str, Any],
-        handles: _Handles,
-    ) -> tuple[Tensor, ...]:
-        splats = array(means), array(quats), array(scales), array(opacities)
-        projection, arrays = rasterizer().project(*splats, array(viewmats), array(Ks), **options)
-        ctx.projection = handles.projection = projection
-        handles.visible = arrays["visible"]
-        ctx.set_materialize_grads(False)
-        ellipses = [torch.from_numpy(arrays[name]) for name in _PARTS]
-        rest = [torch.from_numpy(arrays[name]) for name in ("radii", "camera_ids", "gaussian_ids") if name in arrays]
-        ctx.mark_non_differentiable(*rest)
-        return (*ellipses, *rest)
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
-        if all(gradient is None for gradient in gradients[: len(_PARTS)]):
-            return (None,) * 8
-        found = ctx.projection.backward(*(array_or_none(gradient) for gradient in gradients[: len(_PARTS)]))
-        return (*(torch.from_numpy(numbers) for numbers in found), None, None, None)
-
-
-class _Blend(torch.autograd.Function):
-    """Images and alpha of a projection.
-
-    Covariances are an input for their gradient alone: the projection keeps a root of them, which is
-    more precise.
-    """
-
-    @staticmethod
-    def forward(
-        ctx: Any,
-        means2d: Tensor,
-        covars2d: Tensor,
-        opacities: Tensor,
-        channels: Tensor,
-        backgrounds: Tensor | None,
-        handles: _Handles,
-        absgrad: bool,
-    ) -> tuple[Tensor, Tensor]:
-        ctx.blending, images, alphas = handles.projection.blend(array(channels), array_or_none(backgrounds))
-        ctx.absgrad, ctx.has_backgrounds = absgrad, backgrounds is not None
-        ctx.save_for_backward(means2d)
-        # Zeros for an unused alpha would cost a pass over the image, and wake torch's threads.
-        ctx.set_materialize_grads(False)
-        ctx.shape = images.shape
-        return torch.from_numpy(images), torch.from_numpy(alphas)
-
-    @staticmethod
-    def backward(ctx: Any, images: Tensor | None, alphas: Tensor | None) -> tuple[Tensor | None, ...]:
-        by_images = np.zeros(ctx.shape, np.float32) if images is None else array(images)
-        found = ctx.blending.backward(by_images, array_or_none(alphas), absolute=ctx.absgrad)
-        found = {name: torch.from_numpy(numbers) for name, numbers in found.items()}
-        if ctx.absgrad:
-            (means2d,) = ctx.saved_tensors
-            means2d.absgrad = found["absgrad"]
-        background = found["background"] if ctx.has_backgrounds else None
-        return found["means2d"], found["covars2d"], found["opacities"], found["channels"], background, None, None
 
 
 def _refuse(unsupported: dict[str, bool]) -> None:
@@ -100,13 +22,13 @@ def _refuse(unsupported: dict[str, bool]) -> None:
             raise LuxelError(f"rasterization: {name} is not supported on the CPU; leave it at its default")
 
 
-def _check_colors(colors: Any, n: int, c: int, sh_degree: int | None) -> None:
+def _check_colors(colors: Any, batch: tuple[int, ...], n: int, c: int, sh_degree: int | None) -> None:
     if sh_degree is None:
-        check("colors", colors, (n, None), (c, n, None))
+        check("colors", colors, (*batch, n, None), (*batch, c, n, None))
         if colors.shape[-1] == 0:
             raise LuxelError("colors: expected at least 1 channel, found 0")
     else:
-        check("colors", colors, (n, None, 3), (c, n, None, 3))
+        check("colors", colors, (*batch, n, None, 3), (*batch, c, n, None, 3))
 
 
 def _check_number(name: str, value: Any, least: float) -> float:
@@ -159,10 +81,13 @@ def rasterization(
 ) -> tuple[Tensor, Tensor, dict[str, Any]]:
     """Rasterises N splats to the images of C cameras, with gradients by every tensor but `Ks`.
 
+    All tensors may have batch dimensions before those given here, the same for all: each batch is a
+    scene of its own.
+
     Args:
         means: centres, world units [N, 3].
-        quats: rotations w, x, y, z of any length [N, 4].
-        scales: standard deviations, world units [N, 3].
+        quats: rotations w, x, y, z of any length [N, 4]; ignored with `covars`.
+        scales: standard deviations, world units [N, 3]; ignored with `covars`.
         opacities: 0 to 1 [N].
         colors: any numbers [N, D] or [C, N, D]; with `sh_degree` coefficients of harmonics
             [N, K, 3] or [C, N, K, 3].
@@ -175,6 +100,11 @@ def rasterization(
         sh_degree: degree of the harmonics, 0 to 5; None if `colors` are what is blended.
         packed: whether arrays of `meta` hold only the visible splats.
         backgrounds: what is behind the splats [C, D].
+        covars: covariances, world units^2 [N, 3, 3], in place of quats and scales. The upper triangle
+            is read, and receives the gradient.
+        sparse_grad: whether the gradients of means, quats, scales and covars from the projection are
+            sparse tensors of the splats that a camera sees; needs `packed`, and no batch dimensions.
+            The part of harmonics by means is dense.
         render_mode: "RGB", "D" (accumulated depth), "ED" (mean depth), "RGB+D" or "RGB+ED".
         absgrad: whether `meta["means2d"].absgrad` receives sums of absolute gradients.
         rasterize_mode: "classic", or "antialiased" for opacities that shrink by as much as the
@@ -188,7 +118,7 @@ def rasterization(
         Images [C, height, width, X] with X = D, 1 for "D" and "ED", D + 1 with colour and depth;
         alpha [C, height, width, 1]; and a dictionary `meta`: `means2d` (whose `.grad` and `.absgrad`
         densification reads), `radii`, `depths`, `conics`, `opacities`, [C, N, ...] each, or packed
-        [M, ...] with `camera_ids` and `gaussian_ids`; `width`, `height`, `n_cameras`, `n_batches`,
+        [M, ...] with `batch_ids`, `camera_ids` and `gaussian_ids`; `width`, `height`, `n_cameras`, `n_batches`,
         `tile_size`. gsplat's lists of tiles are not there.
 
     Raises:
@@ -196,10 +126,8 @@ def rasterization(
     """
     _refuse(
         {
-            "sparse_grad": bool(sparse_grad),
             "distributed": bool(distributed),
             f"camera_model {camera_model!r}": camera_model != "pinhole",
-            "covars": covars is not None,
             "with_ut": bool(with_ut),
             "with_eval3d": bool(with_eval3d),
             "radial_coeffs": radial_coeffs is not None,
@@ -214,15 +142,27 @@ def rasterization(
         raise LuxelError(f"render_mode: expected one of {', '.join(_MODES)}, found {render_mode!r}")
     if rasterize_mode not in ("classic", "antialiased"):
         raise LuxelError(f'rasterize_mode: expected "classic" or "antialiased", found {rasterize_mode!r}')
-    n = check("means", means, (None, 3)).shape[0]
-    c = check("viewmats", viewmats, (None, 4, 4)).shape[0]
-    check("quats", quats, (n, 4))
-    check("scales", scales, (n, 3))
-    check("opacities", opacities, (n,))
-    check("Ks", Ks, (c, 3, 3))
+    if sparse_grad and not packed:
+        raise LuxelError("sparse_grad: needs packed=True")
+    batch = tuple(means.shape[:-2]) if isinstance(means, Tensor) else ()
+    if 0 in batch:
+        raise LuxelError(f"means: expected batch dimensions of at least 1, found {list(batch)}")
+    if sparse_grad and batch:
+        raise LuxelError("sparse_grad: expected tensors without batch dimensions")
+    n = check("means", means, (*batch, None, 3)).shape[-2]
+    c = check("viewmats", viewmats, (*batch, None, 4, 4)).shape[-3]
+    if covars is None:
+        check("quats", quats, (*batch, n, 4))
+        check("scales", scales, (*batch, n, 3))
+    else:
+        check("covars", covars, (*batch, n, 3, 3))
+        covars = covars[..., (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)]
+        quats = scales = None
+    check("opacities", opacities, (*batch, n))
+    check("Ks", Ks, (*batch, c, 3, 3))
     if Ks.requires_grad:
         raise LuxelError("Ks: there is no gradient by intrinsics; pass Ks.detach()")
-    _check_colors(colors, n, c, sh_degree)
+    _check_colors(colors, batch, n, c, sh_degree)
     options = {
         "width": _check_size("width", width),
         "height": _check_size("height", height),
@@ -233,33 +173,85 @@ def rasterization(
         "antialiased": rasterize_mode == "antialiased",
         "packed": bool(packed),
     }
-    handles = _Handles()
-    ellipses = _Project.apply(means, quats, scales, opacities, viewmats, Ks, options, handles)
-    means2d, covars2d, conics, depths, blended, radii, *ids = ellipses
-    camera_ids, gaussian_ids = ids if packed else (None, None)
-    places = camera_ids * n + gaussian_ids if packed else None
-    channels = _channels(means, viewmats, colors, sh_degree, render_mode, depths, handles.visible, places)
-    if backgrounds is not None:
-        backgrounds = _backgrounds(backgrounds, c, channels.shape[-1], render_mode)
-    images, alphas = _Blend.apply(means2d, covars2d, blended, channels, backgrounds, handles, bool(absgrad))
-    if render_mode.endswith("ED"):
-        images = torch.cat([images[..., :-1], images[..., -1:] / alphas.clamp(min=1e-10)], dim=-1)
-    meta = {
-        "batch_ids": torch.zeros_like(camera_ids) if packed else None,
-        "camera_ids": camera_ids,
-        "gaussian_ids": gaussian_ids,
-        "radii": radii,
-        "means2d": means2d,
-        "depths": depths,
-        "conics": conics,
-        "opacities": blended,
-        "width": width,
-        "height": height,
-        "tile_size": tile_size,
-        "n_batches": 1,
-        "n_cameras": c,
-    }
-    return images, alphas, meta
+    each = [0] if not batch else range(math.prod(batch))
+    handles = [Handles() for _ in each]
+    inputs = [means, quats, scales, covars, opacities, viewmats, Ks, colors, backgrounds]
+    rows = [_rows(tensor, len(batch)) for tensor in inputs]
+    projected = [Project.apply(*(part[i] for part in rows[:7]), options, bool(sparse_grad), handles[i]) for i in each]
+    names = ("means2d", "covars2d", "conics", "depths", "opacities", "radii", "camera_ids", "gaussian_ids")
+    parts = {name: [ellipses[i] for ellipses in projected] for i, name in enumerate(names[: len(projected[0])])}
+    # Blending reads what `meta` has, whose gradients densification reads.
+    meta = {name: _joined(tensors, batch, packed) for name, tensors in parts.items()} if batch else {k: v[0] for k, v in parts.items()}
+    images, alphas = [], []
+    first = 0
+    for i in each:
+        places: Any = None
+        if batch:
+            places = slice(first, first + len(parts["means2d"][i])) if packed else _place(i, batch)
+            first += len(parts["means2d"][i])
+        means2d, covars2d, depths, blended = (
+            meta[name] if places is None else meta[name][places] for name in ("means2d", "covars2d", "depths", "opacities")
+        )
+        scattered = parts["camera_ids"][i] * n + parts["gaussian_ids"][i] if packed else None
+        channels = _channels(rows[0][i], rows[5][i], rows[7][i], sh_degree, render_mode, depths, handles[i].visible, scattered)
+        behind = None if backgrounds is None else _backgrounds(rows[8][i], c, channels.shape[-1], render_mode)
+        handles[i].means2d, handles[i].rows = meta["means2d"], places
+        image, alpha = Blend.apply(means2d, covars2d, blended, channels, behind, handles[i], bool(absgrad))
+        if render_mode.endswith("ED"):
+            image = torch.cat([image[..., :-1], image[..., -1:] / alpha.clamp(min=1e-10)], dim=-1)
+        images.append(image)
+        alphas.append(alpha)
+    del meta["covars2d"]
+    ids: dict[str, Tensor | None] = {"batch_ids": None, "camera_ids": None, "gaussian_ids": None}
+    if packed:
+        seen = torch.tensor([len(tensor) for tensor in parts["means2d"]])
+        ids["batch_ids"] = torch.repeat_interleave(torch.arange(len(seen)), seen)
+    return (
+        _joined(images, batch, False) if batch else images[0],
+        _joined(alphas, batch, False) if batch else alphas[0],
+        {
+            **ids,
+            **meta,
+            "width": width,
+            "height": height,
+            "tile_size": tile_size,
+            "n_batches": len(images),
+            "n_cameras": c,
+        },
+    )
+
+
+def _rows(tensor: Tensor | None, batch_dims: int) -> Any:
+    """Returns what each scene of a batch has of a tensor."""
+    if batch_dims == 0 or tensor is None:
+        return _Same(tensor)
+    return tensor.flatten(0, batch_dims - 1)
+
+
+class _Same:
+    """A tensor that all scenes share, or None."""
+
+    def __init__(self, tensor: Tensor | None) -> None:
+        self.tensor = tensor
+
+    def __getitem__(self, _: int) -> Tensor | None:
+        return self.tensor
+
+
+def _joined(tensors: list[Tensor], batch: tuple[int, ...], packed: bool) -> Tensor:
+    """Joins the tensors of scenes: along the batch dimensions, or one after another if packed."""
+    if packed:
+        return torch.cat(tensors)
+    return torch.stack(tensors).reshape(*batch, *tensors[0].shape)
+
+
+def _place(index: int, batch: tuple[int, ...]) -> tuple[int, ...]:
+    """Returns the place of a scene in the batch dimensions."""
+    place = []
+    for size in reversed(batch):
+        index, n = divmod(index, size)
+        place.append(n)
+    return tuple(reversed(place))
 
 
 def _channels(

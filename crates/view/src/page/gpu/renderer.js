@@ -62,6 +62,10 @@ function cameraUniform(lens, { head }, entries) {
     count: head.splats,
     entry_capacity: entries,
     samples: n,
+    dropout_rate: 0,
+    opacity_factor: 1,
+    dropout_seed: 0,
+    padding: 0,
   });
 }
 

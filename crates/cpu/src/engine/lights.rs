@@ -1,0 +1,92 @@
+//! Renders and contributions of a scene, light by light ([`luxel_core::Mix`]).
+//!
+//! In: a camera. Out: the sum over the lights, each rendered with the cut-offs of its own radiance.
+//! A scene of one light is rendered once.
+
+use luxel_core::edit::Contributions;
+use luxel_core::engine::Evaluations;
+use luxel_core::{EngineError, Image, Layers};
+
+use super::state::{State, final_pixels};
+use crate::passes::bin::ScreenSplats;
+use crate::passes::contribute::contribute;
+use crate::passes::evaluations::evaluations;
+use crate::passes::rasterize::{to_alpha, to_image};
+use crate::passes::samples::resolve;
+use crate::passes::sort_and_rasterize::sort_and_rasterize;
+use crate::passes::tile_records::{Recording, TileInputs};
+use crate::view::ScreenCamera;
+
+impl State {
+    /// Returns the cameras of the lights of the scene, whose images add to the image.
+    fn light_cameras(&self, camera: &ScreenCamera) -> Vec<ScreenCamera> {
+        let lights = self.parameters.layout.color_model.lights();
+        (0..lights).map(|light| camera.for_light(light, lights)).collect()
+    }
+
+    /// Renders the image.
+    pub(super) fn render(&mut self, camera: &ScreenCamera) -> Image {
+        let images = self.light_cameras(camera).into_iter().map(|camera| self.render_light(&camera));
+        images.reduce(Image::plus).unwrap_or_default()
+    }
+
+    /// Renders the image of one light.
+    fn render_light(&mut self, camera: &ScreenCamera) -> Image {
+        self.forward(camera, Recording::Nothing);
+        to_image(final_pixels(camera, &self.frame.pixels, &self.frame.resolved), &camera.without_supersampling())
+    }
+
+    /// Renders the image, alpha and depth. Alpha and depth of a mix are those of its first light.
+    pub(super) fn render_layers(&mut self, camera: &ScreenCamera) -> Layers {
+        let layers = self.light_cameras(camera).into_iter().map(|camera| self.render_light_layers(&camera));
+        layers.reduce(|sum, light| Layers { image: sum.image.plus(light.image), ..sum }).unwrap_or_default()
+    }
+
+    /// Renders the image, alpha and depth of one light.
+    fn render_light_layers(&mut self, camera: &ScreenCamera) -> Layers {
+        self.forward(camera, Recording::Nothing);
+        let Self { level, frame, .. } = self;
+        let image_camera = camera.without_supersampling();
+        let pixels = final_pixels(camera, &frame.pixels, &frame.resolved);
+        let image = to_image(pixels, &image_camera);
+        let alpha = to_alpha(pixels, &image_camera);
+        // The same lists with the same thresholds, blended once more with distances in place of
+        // colours.
+        let on_nothing = ScreenCamera { background: [0.0; 3], ..camera.clone() };
+        frame.footprints.iter_mut().for_each(|footprint| footprint.radiance = [footprint.depth, 0.0, 0.0]);
+        let splats = ScreenSplats { bins: &frame.bins, footprints: &frame.footprints };
+        let inputs = TileInputs { level: *level, camera: &on_nothing, splats, recording: Recording::Nothing, channels: None };
+        sort_and_rasterize(&inputs, &mut frame.records, &mut frame.pixels);
+        if camera.samples > 1 {
+            resolve(&on_nothing, &frame.pixels, &mut frame.resolved);
+        }
+        let blended = to_image(final_pixels(camera, &frame.pixels, &frame.resolved), &image_camera);
+        let depth = |(pixel, alpha): (&[f32; 3], &f32)| if *alpha > 0.0 { pixel[0] / alpha } else { f32::INFINITY };
+        let depth = blended.pixels.iter().zip(&alpha).map(depth).collect();
+        Layers { image, alpha, depth }
+    }
+
+    /// Computes each splat's contributions. `mask` has the size of the image.
+    pub(super) fn contributions(&mut self, camera: &ScreenCamera, mask: &[f32]) -> Contributions {
+        let lights = self.light_cameras(camera).into_iter().map(|camera| {
+            self.forward(&camera, Recording::Lists);
+            contribute(&self.tile_inputs(&camera, Recording::Lists), &self.frame.records, mask, self.parameters.count)
+        });
+        Contributions::of_lights(lights)
+    }
+
+    /// Counts evaluations of splats at pixels.
+    pub(super) fn evaluations(&mut self, camera: &ScreenCamera) -> Evaluations {
+        let lights = self.light_cameras(camera).into_iter().map(|camera| {
+            self.forward(&camera, Recording::Lists);
+            evaluations(&self.tile_inputs(&camera, Recording::Lists), &self.frame.records)
+        });
+        lights
+            .fold(Evaluations::default(), |sum, light| Evaluations { touched: sum.touched + light.touched, alive: sum.alive + light.alive })
+    }
+
+    /// Checks that the scene can be trained.
+    pub(super) fn check_trainable(&self) -> Result<(), EngineError> {
+        self.parameters.layout.color_model.check_trainable()
+    }
+}

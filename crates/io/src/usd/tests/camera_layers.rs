@@ -1,0 +1,56 @@
+//! Cameras of binary layers, against the same as text.
+
+use glam::DVec3;
+use proptest::prelude::*;
+
+use super::super::decode_usd_cameras;
+use super::*;
+
+/// A layer that `usd-core` 26.11 wrote, and its `Sdf.Layer.Export` in the binary form: prims within
+/// prims, samples over time, an operation that is undone, a stack that is reset, a class.
+const TEXT: &str = include_str!("cameras.usda");
+const BINARY: &str = include_str!("cameras.hex");
+
+#[test]
+fn cameras_of_binary_files_and_packages_are_those_of_text() {
+    let (text, binary) = (decode_usd_cameras(name(), TEXT.as_bytes()).unwrap(), decode_usd_cameras(name(), &unhex(BINARY)).unwrap());
+    let names = |layer: &UsdCameras| layer.cameras.iter().map(|camera| camera.path.clone()).collect::<Vec<_>>();
+    assert_eq!(names(&binary), ["/World/Rig/moving", "/World/Rig/still", "/flat"]);
+    assert_eq!(binary, text);
+    assert_eq!((binary.meters_per_unit, binary.up_axis.as_str()), (0.1, "Z"));
+    let moving = &binary.cameras[0];
+    assert_eq!(moving.times(), [1.0, 2.5, 3.0]);
+    let at = moving.at(Some(2.0)).unwrap();
+    assert!((at.focal - 42.75 / 36.0).abs() < 1e-9 && (at.shift[0] + 0.25 / 36.0).abs() < 1e-9, "{at:?}");
+    // The operations of the prims around are left out.
+    assert_eq!(binary.cameras[1].at(None).unwrap().eye, DVec3::new(7.0, 8.0, 9.0));
+    let mut package = Vec::new();
+    binary::write_package(&mut package, |out| out.write_all(&unhex(BINARY))).unwrap();
+    assert_eq!(decode_usd_cameras(name(), &package).unwrap(), text);
+}
+
+#[test]
+fn damaged_layers_with_cameras_are_errors() {
+    let bytes = unhex(BINARY);
+    for length in 8..bytes.len() {
+        assert!(decode_usd_cameras(name(), &bytes[..length]).is_err(), "{length}");
+    }
+    let neither = decode_usd_cameras(name(), b"#usdb 1.0").unwrap_err();
+    assert!(neither.message.contains("neither text nor binary"), "{neither}");
+}
+
+proptest! {
+    #[test]
+    fn changed_layers_with_cameras_do_not_crash(changes in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8)) {
+        let mut bytes = unhex(BINARY);
+        for (at, value) in changes {
+            let place = at.index(bytes.len());
+            bytes[place] = value;
+        }
+        if let Ok(layer) = decode_usd_cameras(name(), &bytes) {
+            for time in [None, Some(1.5)] {
+                prop_assert!(layer.eyes_at(time).iter().all(|eye| eye.is_finite()));
+            }
+        }
+    }
+}
