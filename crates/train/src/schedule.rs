@@ -129,8 +129,12 @@ impl Schedule {
     }
 
     /// Returns the fraction of the splats that `step` leaves out, if any: it rises linearly from 0,
-    /// and stays at `dropout` where a run goes on beyond its planned end.
+    /// and stays at `dropout` where a run goes on beyond its planned end. Frozen geometry, which
+    /// cannot make up for what is missing, is left whole.
     pub fn dropout_rate(&self, config: &TrainConfig, step: u32) -> Option<f32> {
+        if config.freezes_geometry() {
+            return None;
+        }
         let rate = config.dropout * (step as f32 / self.iterations.max(1) as f32).min(1.0);
         (rate > 0.0).then_some(rate)
     }

@@ -58,6 +58,7 @@ fn splats_come_back_within_the_steps_of_the_format() {
     let number = |value: &serde_json::Value| value.as_f64().unwrap() as f32;
     let [low, high, scales, quats, sh0] =
         ["means_l", "means_u", "scales", "quats", "sh0"].map(|name| pixels(&found, &format!("{name}.webp")));
+    let mut scale_errors = 0.0;
     for (i, low) in low.iter().take(splats.len()).enumerate() {
         for c in 0..3 {
             let (min, max) = (number(&meta["means"]["mins"][c]), number(&meta["means"]["maxs"][c]));
@@ -66,7 +67,10 @@ fn splats_come_back_within_the_steps_of_the_format() {
             let position = place.signum() * place.abs().exp_m1();
             assert!((position - splats.position[i][c]).abs() <= 2e-5 * (max - min) * (1.0 + position.abs()) + 1e-6, "{position}");
             let scale = number(&meta["scales"]["codebook"][usize::from(scales[i][c])]);
-            assert!((scale - splats.log_scale[i][c]).abs() < 0.05, "{scale}, {}", splats.log_scale[i][c]);
+            // 256 values stand for 900; the rarest sizes are the farthest from theirs.
+            let error = (scale - splats.log_scale[i][c]).abs();
+            assert!(error < 0.12, "{scale}, {}", splats.log_scale[i][c]);
+            scale_errors += error / (3 * splats.len()) as f32;
         }
         assert!((f32::from(sh0[i][3]) / 255.0 - sigmoid(splats.opacity_logit[i])).abs() < 0.003);
         let largest = usize::from(quats[i][3] - 252);
@@ -79,6 +83,7 @@ fn splats_come_back_within_the_steps_of_the_format() {
         let product: f32 = q.iter().zip(given).map(|(a, b)| a * b / length).sum();
         assert!(product.abs() > 0.9998, "{q:?}, {given:?}");
     }
+    assert!(scale_errors < 0.02, "{scale_errors}");
 }
 
 #[test]

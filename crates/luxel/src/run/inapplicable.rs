@@ -52,6 +52,7 @@ const GEOMETRY_OPTIONS: &[&str] = &[
     "max_splats",
     "pixels_per_splat",
     "turnover",
+    "dropout",
     "absgrad",
     "densify_from",
     "densify_until",

@@ -166,7 +166,7 @@ options! {
         cutoffs: CutoffPreset = CutoffPreset::Hdr, "CUTOFFS", Range::Any;
     }
     "Splats" {
-        /// Part of the scene of `from` that is not trained
+        /// Part of the scene that the run starts from that is not trained
         freeze: Freeze = Freeze::None, "PART", Range::Any;
         /// Number of initial splats where the data set has no points
         init_points: u32 = 100_000, "N", Range::AtLeast(1);
