@@ -80,7 +80,7 @@ fn metrics_of_training_images_follow_the_learned_gains() {
     assert!(with.mean.psnr_scene > without.mean.psnr_scene + 3.0);
     let (options, measures) = (trainer.render_options(), Measures::new(trainer.radiance_scale(), trainer.config().mu));
     let probed = probe(trainer.engine(), &options, &measures, &data.train[2], gains[2]).unwrap().unwrap();
-    assert!((probed - with.views[1].metrics.psnr_scene).abs() < 1e-9, "{probed}");
+    assert!((probed - with.views[1].metrics.psnr_scene).abs() < 1e-6, "{probed}");
 }
 
 #[test]

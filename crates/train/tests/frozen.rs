@@ -45,8 +45,8 @@ fn frozen_geometry_keeps_its_bits_and_learns_the_light() {
     let data = other_light();
     for (antialias, config) in [
         (Antialias::Pixel, frozen(120)),
-        (Antialias::Mip, TrainConfig { method: Method::Sh3, ..frozen(40) }),
-        (Antialias::Pixel, TrainConfig { strategy: Strategy::Mcmc, antialias: Antialias::Off, ..frozen(40) }),
+        (Antialias::Mip, TrainConfig { method: Method::Sh3, ..frozen(400) }),
+        (Antialias::Pixel, TrainConfig { strategy: Strategy::Mcmc, antialias: Antialias::Off, ..frozen(120) }),
     ] {
         let from = room(antialias);
         let mut trainer = Trainer::from_scene(&data, &from, config, engine()).unwrap();
