@@ -52,7 +52,7 @@ impl<'a> StartViews<'a> {
                 found.lock().unwrap_or_else(PoisonError::into_inner).push((at, result));
             }
         };
-        std::thread::scope(|scope| (0..self.readers.min(indices.len())).for_each(|_| drop(scope.spawn(&read))));
+        std::thread::scope(|scope| (0..self.readers.min(indices.len())).for_each(|_| drop(scope.spawn(read))));
         let mut found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
         found.sort_unstable_by_key(|(at, _)| *at);
         found.into_iter().map(|(_, result)| result).collect()

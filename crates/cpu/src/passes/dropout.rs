@@ -1,4 +1,5 @@
-//! The splats that a training step leaves out ([`Dropout`]), in passes `project` of all projections.
+//! The splats that a training step leaves out ([`Dropout`]), in passes `project` of all
+//! projections.
 //!
 //! In: opacities of a block of splats. Out: the opacities to draw them with: zero, which culls, for
 //! those that are left out. The backward pass differentiates by the opacity's logarithm, which the

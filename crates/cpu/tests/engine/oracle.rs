@@ -190,7 +190,7 @@ fn radiance<N: Number>(p: &Parameters<N>, i: usize, direction: [N; 3], active_de
             let sum = r[0] + r[1] + r[2];
             r.map(|q| luminance * q / sum)
         }
-        ColorModel::Mix(_) => unimplemented!("mixes are compared with sums of renders"),
+        ColorModel::Mix(_) => unreachable!("mixes are compared with sums of renders"),
     }
 }
 

@@ -31,6 +31,9 @@ pub(super) fn memory_bytes(points: u64, views: u64) -> u64 {
     SAMPLE_BYTES * (MAX_SAMPLES as u64).min(points.saturating_mul(views.min(MAX_VIEWS as u64)))
 }
 
+/// The radiance of each point, if any view shows it.
+pub(super) type Colors = Vec<Option<[f32; 3]>>;
+
 /// Returns the radiance of each point over its track or, without a track, over the views it
 /// projects into, and what `also` returns for each view. All views are read once for `also` and as
 /// many points as [`MAX_SAMPLES`] allow; what remains reads the views again that show it.
@@ -41,7 +44,7 @@ pub(super) fn of_points<T: Send>(
     points: &[Point],
     views: StartViews<'_>,
     also: impl Fn(&View) -> T + Sync,
-) -> Result<(Vec<Option<[f32; 3]>>, Vec<T>), ReadError> {
+) -> Result<(Colors, Vec<T>), ReadError> {
     let train = views.train;
     let has_track = |point: &Point| track(point, train).next().is_some();
     let places = |point: &Point| if has_track(point) { track(point, train).collect() } else { projections(point, train) };
