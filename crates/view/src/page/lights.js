@@ -43,7 +43,7 @@ export class Lights {
   /** @param {number} light */
   row(light) {
     const label = `Factor on light ${light} of the mix`;
-    const make = (/** @type {Partial<HTMLInputElement>} */ fields) => {
+    const make = (/** @type {{ type: string, min: string, max?: string, step: string }} */ fields) => {
       const input = Object.assign(document.createElement("input"), { title: label, ...fields });
       input.setAttribute("aria-label", fields.type === "number" ? `${label}, as a number` : label);
       return input;
