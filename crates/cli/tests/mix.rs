@@ -26,6 +26,12 @@ fn lights_are_trained_on_frozen_geometry_and_add() {
     assert_eq!((&day.splats.position, &day.splats.rotation), (&lamp.splats.position, &lamp.splats.rotation));
     assert_eq!((&day.splats.log_scale, &day.splats.opacity_logit), (&lamp.splats.log_scale, &lamp.splats.opacity_logit));
     assert_eq!(day.raster, lamp.raster);
+    // A run that ended before its first checkpoint begins again at its scene.
+    for folder in ["checkpoints", "point_cloud"] {
+        std::fs::remove_dir_all(place.path(&format!("lamp/{folder}"))).unwrap();
+    }
+    place.ok(&["train", "--resume", "-o", "lamp"]);
+    assert_eq!(scene(&place, &format!("lamp/{PLY}")), lamp);
     place.ok(&["train", "--resume", "-o", "lamp", "--iterations", "50"]);
 
     place.ok(&["mix", "day", &format!("lamp/{PLY}"), "--weights", "1,0.3", "-o", "both.ply"]);

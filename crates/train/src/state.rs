@@ -17,7 +17,7 @@ use crate::vignetting::{LensVignetting, Lenses, Vignettings};
 use crate::{TrainConfig, TrainError};
 
 /// Version of the format of [`State`]; a state of another version is refused with a clear message.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// Constant that separates the random stream of crops from others of the same seed.
 const CROP_STREAM: u64 = 0x6c75_7865_6c02;

@@ -12,36 +12,9 @@ use rand::seq::SliceRandom;
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
-/// The number of views of each part's epoch that have been used. In JSON, that of a single part is
-/// a number.
+/// The number of views of each part's epoch that have been used.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(from = "OneOrMany", into = "OneOrMany")]
 pub(crate) struct Cursors(Vec<usize>);
-
-#[derive(Serialize, Deserialize)]
-#[serde(untagged)]
-enum OneOrMany {
-    One(usize),
-    Many(Vec<usize>),
-}
-
-impl From<OneOrMany> for Cursors {
-    fn from(cursors: OneOrMany) -> Self {
-        match cursors {
-            OneOrMany::One(cursor) => Self(vec![cursor]),
-            OneOrMany::Many(cursors) => Self(cursors),
-        }
-    }
-}
-
-impl From<Cursors> for OneOrMany {
-    fn from(Cursors(cursors): Cursors) -> Self {
-        match *cursors {
-            [cursor] => Self::One(cursor),
-            _ => Self::Many(cursors),
-        }
-    }
-}
 
 /// Returns the places in the order that belong to part `slot` of `count` views in `batch` parts.
 fn part(count: usize, batch: usize, slot: usize) -> Range<usize> {
@@ -131,10 +104,8 @@ mod tests {
     }
 
     #[test]
-    fn cursors_of_one_part_are_a_number_and_others_must_fit() {
+    fn cursors_come_back_and_must_fit() {
         let (order, cursors) = first_order(5, 1);
-        assert_eq!(serde_json::to_string(&cursors).unwrap(), "5");
-        assert_eq!(serde_json::from_str::<Cursors>("5").unwrap(), cursors);
         let two = first_order(5, 2).1;
         assert_eq!(serde_json::from_str::<Cursors>(&serde_json::to_string(&two).unwrap()).unwrap(), two);
         assert!(cursors.fit(&order, 5, 1) && !cursors.fit(&order, 5, 2) && !two.fit(&order, 5, 2) && !cursors.fit(&order, 6, 1));

@@ -170,9 +170,9 @@ fn damaged_trainer_state_is_an_error_wherever_it_is_cut_or_changed() {
         assert!(snapshot_response(&damaged).is_err(), "cut at {cut}");
     }
     let changes = [
-        ("\"version\":2", "\"version\":9", "version 9, expected 2"),
+        ("\"version\":3", "\"version\":9", "version 9, expected 3"),
         ("\"order\":[", "\"order\":[7,", "order of views"),
-        ("\"cursor\":1", "\"cursor\":100", "order of views"),
+        ("\"cursor\":[1", "\"cursor\":[100", "order of views"),
         ("\"iterations\":10", "\"iterations\":0", "iterations"),
         ("\"radiance_scale\":null", "\"radiance_scale\":-1.0", "radiance_scale"),
         ("\"extent\":", "\"extent\":-", "extent"),

@@ -85,19 +85,23 @@ pub fn fresh_over(
     let views = views_of(&*exchange, &config);
     let dataset = open_dataset(&config.dataset_path(launch.folder.root()), &config, launch, gpu.is_some(), views)?;
     limit_images(engine.as_mut(), &config);
-    let from =
-        config.run.from.as_deref().map(|path| Scene::open_reporting(path, launch.observer).map(|scene| (path, scene))).transpose()?;
-    let trainer = match &from {
-        None => Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?,
-        Some((path, scene)) => Trainer::from_scene(&dataset, scene, config.train.clone(), engine)
-            .with_context(|| format!("{}: cannot start training from this scene", path.display()))?,
-    };
-    let trainer = trainer.with_exchange(exchange);
+    let trainer = first_trainer(&config, &dataset, engine, launch.observer)?.with_exchange(exchange);
     // Frozen geometry comes with the rasteriser's settings of its scene.
     let config = RunConfig { train: trainer.config().clone(), ..config };
     let lock = make_room(&dataset)?;
     launch.folder.write_config(&config)?;
     train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })
+}
+
+/// Returns the trainer before the first step: at the scene that the run starts from, or at new
+/// splats.
+fn first_trainer(config: &RunConfig, dataset: &CoreDataset, engine: Box<dyn Engine>, observer: &dyn Observer) -> Result<Trainer> {
+    let Some(path) = config.run.from.as_deref() else {
+        return Trainer::new(dataset, config.train.clone(), engine).context("cannot start training");
+    };
+    let scene = Scene::open_reporting(path, observer)?;
+    Trainer::from_scene(dataset, &scene, config.train.clone(), engine)
+        .with_context(|| format!("{}: cannot start training from this scene", path.display()))
 }
 
 /// Continues a run from its newest checkpoint, under the folder's lock.
@@ -137,7 +141,7 @@ pub fn resume_over(
         }
         None if folder.scene_iterations().is_empty() => {
             observer.note("the run ended before its first checkpoint; starting from the first step");
-            Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?
+            first_trainer(&config, &dataset, engine, observer)?
         }
         None => {
             let message = format!("{}: has scenes, but no checkpoint in checkpoints/ to continue from", folder.root().display());
