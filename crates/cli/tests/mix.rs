@@ -87,6 +87,7 @@ fn what_cannot_be_mixed_or_frozen_is_said() {
     for option in ["--densify-from=5", "--max-splats=9", "--antialias=off", "--refine-poses", "--position-lr=1", "--init-points=9"] {
         place.error(&train(&[&frozen[..], &[option]].concat()), &[option.split('=').next().unwrap()]);
     }
+    place.error(&train(&["--from", "day", "--init-points", "9"]), &["--init-points: has no effect with --from; leave one of them out"]);
     place.error(&train(&["--from", "nowhere"]), &["nowhere", "scene to start from"]);
     place.error(&["train", "data", "-o", "day", "--overwrite", "--from", "day"], &["in the output folder"]);
     assert!(!place.path("new").exists() && !place.path("x.ply").exists());

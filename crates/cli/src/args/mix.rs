@@ -9,9 +9,9 @@ use super::ConsoleArgs;
 /// `luxel mix`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The scenes have the same splats under other light: train the second with --from the first and --freeze geometry. A render of\n\
-    the mix is the sum of the renders of the scenes, each times its weight. Every light stays in the mix: luxel edit --light 2:0.5 changes its\n\
-    weight afterwards, and luxel view has a slider for it.\n\n\
+    after_help = "The scenes have the same splats under other light: train the second with --from the first and --freeze geometry. A render of \
+    the mix is the sum of the renders of the scenes, each times its weight. Every light stays in the mix: luxel edit --light 2:0.5 changes the \
+    weight of the second one afterwards, and luxel view has a slider for it.\n\n\
     Examples:\n  \
     luxel train lamp-images --from day-run --freeze geometry -o lamp-run\n  \
     luxel mix day-run lamp-run --weights 1,0.3 -o evening.ply\n  \

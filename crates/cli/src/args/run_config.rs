@@ -47,6 +47,9 @@ pub(crate) fn resumed(stored: &RunConfig, given: &RunConfig, explicit: &Explicit
 /// Refuses an explicit option that changes nothing.
 pub(crate) fn reject_inapplicable(config: &RunConfig, explicit: &ExplicitArgs) -> Result<()> {
     match config.inapplicable(explicit) {
+        Some(Inapplicable { option, choice: Choice { option: other, value: Choice::LEFT_OUT } }) => {
+            bail!("{}: has no effect with {}; leave one of them out", flag(option), flag(other))
+        }
         Some(Inapplicable { option, choice }) => {
             bail!("{}: has an effect with {} only; give that too, or leave this out", flag(option), choice_as_typed(choice))
         }

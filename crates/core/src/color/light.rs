@@ -86,11 +86,8 @@ impl Light {
         }
     }
 
-    /// Computes the gradient of [`Self::radiance`] and returns the part by the viewing direction,
-    /// tangential to the sphere.
-    ///
-    /// In: `d_radiance`. Out: `add_sh(m, channel, gradient)` and `add_luminance(m, gradient)`,
-    /// called once for each coefficient up to the active degree.
+    /// Computes the gradient of [`Self::radiance`], as [`super::ColorModel::backward`] does for all
+    /// lights.
     #[inline(always)]
     pub fn backward<R: Real>(
         self,

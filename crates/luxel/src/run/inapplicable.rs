@@ -16,8 +16,14 @@ use super::{ExplicitArgs, RunConfig};
 pub struct Choice {
     /// Name of the option that makes it.
     pub option: &'static str,
-    /// Value that makes it, for people; empty for an option without a value.
+    /// Value that makes it, for people; empty for an option without a value, [`Self::LEFT_OUT`] if
+    /// it is made by not giving the option.
     pub value: &'static str,
+}
+
+impl Choice {
+    /// The value of a choice that is made by not giving its option.
+    pub const LEFT_OUT: &str = "left out";
 }
 
 /// An explicit option that changes nothing.
@@ -38,7 +44,10 @@ impl fmt::Display for Choice {
 
 impl fmt::Display for Inapplicable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: has an effect with {} only", self.option, self.choice)
+        match self.choice {
+            Choice { option, value: Choice::LEFT_OUT } => write!(f, "{}: has no effect with {option}", self.option),
+            choice => write!(f, "{}: has an effect with {choice} only", self.option),
+        }
     }
 }
 
@@ -123,7 +132,7 @@ impl RunConfig {
             options: GEOMETRY_OPTIONS.to_vec(),
         };
         let from = Group {
-            choice: Choice { option: "from", value: "left out" },
+            choice: Choice { option: "from", value: Choice::LEFT_OUT },
             is_made: self.run.from.is_none(),
             options: INITIAL_OPTIONS.to_vec(),
         };
