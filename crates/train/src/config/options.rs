@@ -78,8 +78,8 @@ options! {
         preset: Preset = Preset::Fast, "PRESET", Range::Any;
         /// Number of training steps, of `batch` views each
         iterations: u32 = 9_000, "N", Range::AtLeast(1);
-        /// Number of views that a step trains on, by the mean of their gradients; it takes that many
-        /// times as long
+        /// Number of views that a step trains on, by the mean of their gradients; it takes that
+        /// many times as long
         batch: u32 = 1, "N", Range::Limits { min: 1, max: MAX_BATCH as u64 };
         /// Rule by which the optimiser's rates follow `batch`
         batch_rule: BatchRule = BatchRule::Sqrt, "BATCH_RULE", Range::Any, needs: [Batch];
