@@ -13,6 +13,7 @@ mod contribution;
 mod crop;
 pub mod densify;
 mod error;
+mod free_space;
 mod gains;
 mod init;
 mod lenses;

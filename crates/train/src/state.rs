@@ -55,6 +55,10 @@ pub(crate) struct State {
     /// Corrections of the training images' poses; `None` if they are fixed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) poses: Option<Corrections>,
+    /// Radius of free space of each training view's camera, world units; empty if splats may be
+    /// anywhere.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) clearances: Vec<f32>,
     /// Order of the training views in their current epochs, part after part
     /// ([`crate::view_order`]).
     order: Vec<u32>,
@@ -73,11 +77,14 @@ pub(crate) struct Start {
     pub(crate) extent: f32,
     pub(crate) radiance_scale: RadianceScale,
     pub(crate) response: Option<CameraResponse>,
+    /// Radius of free space of each training view's camera, world units; empty if splats may be
+    /// anywhere.
+    pub(crate) clearances: Vec<f32>,
 }
 
 impl State {
     pub(crate) fn new(dataset: &Dataset, start: Start) -> Self {
-        let Start { config, extent, radiance_scale, response } = start;
+        let Start { config, extent, radiance_scale, response, clearances } = start;
         let (order, cursor) = first_order(dataset.train.len(), config.batch as usize);
         let gains = (config.exposure_compensation != ExposureCompensation::Off).then(|| Gains::ones(dataset.train.len()));
         Self {
@@ -93,6 +100,7 @@ impl State {
             response,
             vignetting: config.vignetting.then(|| Vignettings::none(&Lenses::new(dataset))),
             poses: config.refine_poses.then(|| Corrections::none(&poses_of(dataset, extent), config.refine_focal)),
+            clearances,
             order,
             cursor,
             config,
@@ -154,6 +162,10 @@ impl State {
         }
         if (state.averaged > 0) != snapshot.average.is_some() {
             return Err(TrainError::State("the average of the parameters is missing, or is there without being counted".to_owned()));
+        }
+        if !state.clearances.is_empty() && state.clearances.len() != dataset.train.len() {
+            let (found, expected) = (state.clearances.len(), dataset.train.len());
+            return Err(TrainError::State(format!("free space around {found} cameras, expected {expected}")));
         }
         if let Some(gains) = &state.gains {
             gains.validate(dataset.train.len())?;

@@ -211,6 +211,9 @@ options! {
         /// Prune, after densification, the splats that contribute least to the training views and
         /// together make up this fraction of the images; 0 turns it off
         prune_unseen: f32 = 0.0, "FRACTION", Range::Share, needs: [Adc];
+        /// Prune splats that a camera sees nearer than this fraction of the distance of its nearest
+        /// initial splats; 0 turns it off
+        clearance: f32 = 0.4, "FRACTION", Range::ShareBelowOne;
         /// Number of steps between two resets of all opacities to at most 0.01 during
         /// densification, with `batch` of views; 0 turns them off
         opacity_reset_interval: u32 = 3000, "N", Range::Any, needs: [Adc];

@@ -62,6 +62,7 @@ fn every_option_changes_the_configuration() {
         &["--squared-share", "0"],
         &["--average-share", "0"],
         &["--dropout", "0.1"],
+        &["--clearance", "0.1"],
         &["--batch", "2"],
         &["--batch-rule", "keep"],
         &["--refine-poses"],

@@ -15,7 +15,7 @@ use crate::recorded::is_recorded;
 use crate::state::{Start, State, poses_of};
 use crate::views::TrainingViews;
 use crate::vignetting::{Lenses, check_lenses};
-use crate::{Initial, Schedule, TrainConfig, TrainError, initialise};
+use crate::{Initial, Schedule, TrainConfig, TrainError, free_space, initialise};
 
 /// Factor between the greatest distance of a camera from the cameras' centroid and the scene's
 /// extent (Kerbl et al. 2023).
@@ -74,7 +74,11 @@ impl Trainer {
             model = config.color_model().name(),
             "initialised"
         );
-        let state = State::new(dataset, Start { config, extent, radiance_scale, response });
+        let clearances = match f64::from(config.clearance) {
+            part if part > 0.0 && !config.freezes_geometry() => free_space::radii(&dataset.train, &splats.position, part),
+            _ => Vec::new(),
+        };
+        let state = State::new(dataset, Start { config, extent, radiance_scale, response, clearances });
         let mut trainer = Self::assemble(dataset, state, None, engine);
         trainer.warn_of_average();
         trainer.check_pose_steps()?;
