@@ -100,3 +100,15 @@ fn maps_are_checked_against_their_views() {
     scene.write("depth/depth.json", "{\"kind\": 3}");
     assert!(error().contains("depth.json"), "{}", error());
 }
+
+#[test]
+fn maps_of_integers_beside_floating_point_ones_are_warned_of() {
+    let scene = scene();
+    (0..2).for_each(|i| drop(scene.write(&format!("depth/{i}.pfm"), pfm(i, |z| z))));
+    assert!(report(&scene).unwrap().warnings.iter().all(|warning| !warning.contains("integers")));
+    let mut png = std::io::Cursor::new(Vec::new());
+    image::ImageBuffer::<image::Luma<u16>, _>::from_pixel(32, 16, image::Luma([2000])).write_to(&mut png, image::ImageFormat::Png).unwrap();
+    scene.write("depth/2.png", png.into_inner());
+    let warnings = report(&scene).unwrap().warnings;
+    assert!(warnings.iter().any(|warning| warning.contains("1 of 3 depth maps hold integers, the others floating-point")), "{warnings:?}");
+}

@@ -92,6 +92,15 @@ pub(super) fn report(folder: &DepthFolder, dataset: &Dataset) -> Result<DepthRep
         let without = views.len() - maps.len();
         warnings.push(format!("{}: no depth map for {without} of {} views", folder.folder.display(), views.len()));
     }
+    let integers = maps.iter().filter(|map| map.integer_bits.is_some()).count();
+    if integers > 0 && integers < maps.len() {
+        warnings.push(format!(
+            "{}: {integers} of {} depth maps hold integers, the others floating-point numbers, which are probably of another \
+             unit: save all in one format",
+            folder.folder.display(),
+            maps.len()
+        ));
+    }
     let pixels: usize = maps.iter().map(|map| map.size_px[0] * map.size_px[1]).sum();
     let covered: usize = maps.iter().map(|map| map.covered).sum();
     let mut values: Vec<f32> = maps.iter().flat_map(|map| map.values.iter().copied()).collect();
