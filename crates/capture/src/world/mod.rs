@@ -4,9 +4,9 @@
 //! In: cameras and points of a reconstruction, whose place, rotation and scale are arbitrary. Out:
 //! [`World`]: a [`Similarity`] to x right, y down, z forward, as COLMAP's cameras and splat files
 //! have their axes, with the source of each part. Up comes from the cameras, a floor, or GPS
-//! ([`UpSource`]); the origin from the viewing rays ([`OriginSource`]); the scale from GPS or a
-//! [`KnownDistance`], else it stays, and is stated to be unknown. With positions by GPS z is north,
-//! else the heading stays.
+//! ([`UpSource`]); the origin from the viewing rays ([`OriginSource`]); the scale from GPS or from
+//! what the user knows ([`KnownScale`]), else it stays, and is stated to be unknown. With positions
+//! by GPS z is north, else the heading stays.
 //!
 //! Degenerate: no camera changes nothing; one camera, cameras in a line and cameras that look one
 //! way have the sources that are left.
@@ -18,6 +18,7 @@ mod downwards;
 mod eigen;
 mod floor;
 mod gps;
+mod markers;
 mod origin;
 #[cfg(test)]
 mod tests;
@@ -30,6 +31,7 @@ use luxel_core::photo::GpsPosition;
 pub use self::distance::{KnownDistance, Landmark};
 pub(crate) use self::eigen::median;
 pub use self::gps::{GpsFit, metres_of};
+pub use self::markers::{MarkerFit, MarkerSighting, fit_markers};
 pub use self::origin::OriginSource;
 pub use self::up::UpSource;
 
@@ -95,11 +97,20 @@ impl WorldView {
     }
 }
 
+/// A length that the user knows.
+#[derive(Clone, Debug, PartialEq)]
+pub enum KnownScale {
+    /// A distance.
+    Distance(KnownDistance),
+    /// The size of markers, measured in the reconstruction.
+    Markers(MarkerFit),
+}
+
 /// The source of the scale.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ScaleSource {
-    /// A distance that the user knows.
-    KnownDistance(KnownDistance),
+    /// A length that the user knows.
+    Known(KnownScale),
     /// Positions by GPS.
     Gps,
     /// Nothing: lengths are those of the reconstruction.
@@ -145,7 +156,7 @@ const GPS_AGREEMENT: f64 = 0.94;
 ///
 /// # Errors
 /// A known distance whose ends have no place or the same.
-pub fn find_world(views: &[WorldView], points: &[DVec3], known: Option<&KnownDistance>) -> Result<World, PrepareError> {
+pub fn find_world(views: &[WorldView], points: &[DVec3], known: Option<&KnownScale>) -> Result<World, PrepareError> {
     let eyes: Vec<DVec3> = views.iter().map(WorldView::eye).collect();
     let pairs = gps_pairs(views);
     let estimate = with_floor(with_gps(up_of_cameras(views, points), &pairs), points, &eyes);
@@ -166,9 +177,12 @@ pub fn find_world(views: &[WorldView], points: &[DVec3], known: Option<&KnownDis
         }
     }
     if let Some(known) = known {
-        let factor = known.metres_per_unit(views, |p| transform.point(p))?;
+        let factor = match known {
+            KnownScale::Distance(known) => known.metres_per_unit(views, |p| transform.point(p))?,
+            KnownScale::Markers(fit) => fit.metres_per_unit / transform.scale(),
+        };
         transform = transform.then(&Similarity::scaling(factor));
-        scale = ScaleSource::KnownDistance(known.clone());
+        scale = ScaleSource::Known(known.clone());
     }
     Ok(World { transform, up: estimate.source, origin: focus.source, scale, gps, gps_unused })
 }

@@ -279,19 +279,29 @@ fn one_camera_a_line_and_none_have_what_is_left() {
 #[test]
 fn a_known_distance_gives_metres() {
     let views = disturbed(&ring(24));
-    let known: KnownDistance = "v0,v12,1.5".parse().unwrap();
+    let known = KnownScale::Distance("v0,v12,1.5".parse().unwrap());
     let world = find_world(&views, &[], Some(&known)).unwrap();
     let eye = |i: usize| world.transform.point(views[i].eye());
     assert!((eye(0).distance(eye(12)) - 1.5).abs() < 1e-9 && world.metres_per_unit() == Some(1.0));
     // Points are in the coordinates that the set has without it.
     let without = find_world(&views, &[], None).unwrap();
     let [a, b] = [0, 12].map(|i| without.transform.point(views[i].eye()));
-    let by_points: KnownDistance = format!("{},{},{},{},{},{},1.5", a.x, a.y, a.z, b.x, b.y, b.z).parse().unwrap();
+    let by_points = KnownScale::Distance(format!("{},{},{},{},{},{},1.5", a.x, a.y, a.z, b.x, b.y, b.z).parse().unwrap());
     let same = find_world(&views, &[], Some(&by_points)).unwrap();
     assert!((same.transform.scale() / world.transform.scale() - 1.0).abs() < 1e-9);
-    let refused = |text: &str| find_world(&views, &[], Some(&text.parse().unwrap())).unwrap_err().message;
+    let refused = |text: &str| find_world(&views, &[], Some(&KnownScale::Distance(text.parse().unwrap()))).unwrap_err().message;
     assert!(refused("v0,v99,1").contains("no view v99 has a pose; those that have one: v0, v1, v2, ..."));
     assert!(refused("v0,v0,1").contains("in the same place"));
+}
+
+#[test]
+fn markers_give_metres_whatever_gps_says() {
+    let fit = MarkerFit { markers: 2, edge_m: 0.1, metres_per_unit: 0.25, deviation: 0.0 };
+    for views in [ring(24), flight()] {
+        let disturbed = disturbed(&views);
+        let world = find_world(&disturbed, &[], Some(&KnownScale::Markers(fit))).unwrap();
+        assert!((world.transform.scale() - 0.25).abs() < 1e-9 && world.metres_per_unit() == Some(1.0));
+    }
 }
 
 #[test]

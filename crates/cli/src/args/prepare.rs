@@ -5,12 +5,12 @@ use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use luxel::prepare::{
-    CameraModel, Features, KnownDistance, Mapper, Matching, OcioChoice, PrepareOptions, ProjectionChoice, ResponseChoice,
+    CameraModel, Features, KnownDistance, Mapper, Markers, Matching, OcioChoice, PrepareOptions, ProjectionChoice, ResponseChoice,
     StructureFromMotion, WhiteBalance,
 };
 
 use super::ConsoleArgs;
-use crate::args::values::{ColorSpaceArg, SpaceArg, TransferArg, parse_downscale};
+use crate::args::values::{ColorSpaceArg, MarkerFamilyArg, SpaceArg, TransferArg, parse_downscale, parse_positive_f64};
 
 /// `luxel prepare`.
 #[derive(Debug, Args)]
@@ -93,12 +93,19 @@ pub(crate) struct PrepareArgs {
     pub(crate) matching: MatchingArg,
     /// Keep COLMAP's coordinates, instead of turning the scene upright, moving the origin to where
     /// the cameras look, and scaling to metres.
-    #[arg(long, conflicts_with = "known_distance", help_heading = "Coordinates")]
+    #[arg(long, conflicts_with_all = ["known_distance", "marker_size"], help_heading = "Coordinates")]
     pub(crate) keep_coordinates: bool,
     /// Distance that gives the scale: A and B are names of views, for the places of their cameras,
     /// or points x,y,z in the coordinates that the data set has without this option.
     #[arg(long, value_name = "A,B,METRES", allow_hyphen_values = true, help_heading = "Coordinates")]
     pub(crate) known_distance: Option<KnownDistance>,
+    /// Edge of the black squares of AprilTags in the photographs, metres; it gives the scale. Each
+    /// number may be there once, and two views have to see it.
+    #[arg(long, value_name = "METRES", value_parser = parse_positive_f64, conflicts_with = "known_distance", help_heading = "Coordinates")]
+    pub(crate) marker_size: Option<f64>,
+    /// Family of the AprilTags.
+    #[arg(long, value_enum, default_value_t, value_name = "FAMILY", requires = "marker_size", help_heading = "Coordinates")]
+    pub(crate) marker_family: MarkerFamilyArg,
     /// Memory for views that are processed at the same time, GiB; one view is processed in any
     /// case, however large it is.
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=4096), value_name = "GIB", help_heading = "Machine")]
@@ -358,6 +365,7 @@ impl PrepareArgs {
             matching: self.matching.into(),
             keep_coordinates: self.keep_coordinates,
             known_distance: self.known_distance.clone(),
+            markers: self.marker_size.map(|edge_m| Markers { edge_m, family: self.marker_family.into() }),
             memory_bytes: u64::from(self.memory) << 30,
             ..PrepareOptions::new(&self.photos, &self.output)
         }

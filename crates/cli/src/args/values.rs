@@ -1,6 +1,7 @@
 //! Values of options: their names on the command line, and their ranges.
 
 mod captures;
+mod markers;
 mod transfer;
 mod world;
 
@@ -15,6 +16,7 @@ use luxel_metrics::FlipChoice;
 use serde::Serialize;
 
 pub(crate) use self::captures::{SupervisionArg, parse_masks};
+pub(crate) use self::markers::MarkerFamilyArg;
 pub(crate) use self::transfer::TransferArg;
 pub(crate) use self::world::{LensArg, RotationArg, UpArg, parse_crop, parse_direction, parse_point, parse_positive_f64, rotation};
 

@@ -2,6 +2,8 @@
 //! run.
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
+#[cfg(feature = "markers")]
+mod markers;
 mod panoramas;
 mod restart;
 #[cfg(unix)]

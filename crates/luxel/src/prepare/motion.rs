@@ -12,6 +12,7 @@ use super::PrepareOptions;
 use super::colmap::{self, Colmap};
 use super::dataset::{self, Pixels};
 use super::develop::Developer;
+use super::markers;
 use super::options::{Features, Mapper, MotionOptions};
 use super::panoramas::{PanoramaModel, panorama_model};
 use super::pictures::Pictures;
@@ -52,6 +53,7 @@ impl Motion<'_> {
             let message = "panoramas have no lens to fit: a camera model is for other photographs";
             return Err(Error::new(message).with_remedy(Remedy::leave_out("camera_model")));
         }
+        markers::check(self.options, self.is_panorama())?;
         let projection = self.developer.plan.projection;
         self.installed.map_or(Ok(()), |colmap| colmap.check(self.motion_options(), self.options.matching, projection))
     }
@@ -158,7 +160,7 @@ impl Motion<'_> {
             model.model = panoramas;
             note.iter().for_each(|note| observer.warn(note));
         }
-        let world = world::place(&mut model.model, records, &self.facts(), self.options)?;
+        let world = world::place(&mut model.model, records, &self.facts(), folders, self.options)?;
         let registration = dataset::write(folders, records, &model, Pixels { space, is_absolute: plan.is_absolute }, observer)?;
         Ok(Assembled { registration, world })
     }

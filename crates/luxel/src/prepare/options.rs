@@ -68,6 +68,8 @@ pub struct PrepareOptions {
     pub keep_coordinates: bool,
     /// A distance that gives the scale of coordinates.
     pub known_distance: Option<KnownDistance>,
+    /// Markers in the photographs that give the scale of coordinates.
+    pub markers: Option<Markers>,
     /// Memory for the views in progress together, bytes. One view is developed whatever its size.
     pub memory_bytes: u64,
     /// Words a note with its remedy for the report and the observer.
@@ -101,6 +103,7 @@ impl PrepareOptions {
             matching: Matching::default(),
             keep_coordinates: false,
             known_distance: None,
+            markers: None,
             memory_bytes: 4 << 30,
             word_note,
         }
@@ -123,6 +126,27 @@ impl PrepareOptions {
 /// Words a note in neutral terms.
 fn word_note(note: &PrepareNote) -> String {
     note.remedy.as_ref().map_or_else(|| note.text.clone(), |remedy| format!("{}; {remedy}", note.text))
+}
+
+/// Markers in photographs: AprilTags (Wang and Olson 2016), each number once.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Markers {
+    /// Edge of the black square, metres.
+    pub edge_m: f64,
+    /// Their family.
+    pub family: MarkerFamily,
+}
+
+/// A family of AprilTags: bits, and the least number in which two markers differ.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum MarkerFamily {
+    /// 36 bits, 11.
+    #[default]
+    Tag36h11,
+    /// 25 bits, 9.
+    Tag25h9,
+    /// 16 bits, 5.
+    Tag16h5,
 }
 
 /// A colour space of an OpenColorIO configuration.

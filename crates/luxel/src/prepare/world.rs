@@ -9,14 +9,16 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 use luxel_capture::prepare::{Photograph, Plan, PrepareNote, SetProjection, ViewRecord};
-use luxel_capture::world::{GpsFit, OriginSource, ScaleSource, UpSource, World, WorldView, find_world};
+use luxel_capture::world::{GpsFit, KnownScale, MarkerFit, OriginSource, ScaleSource, UpSource, World, WorldView, find_world};
 use luxel_core::Remedy;
 use luxel_core::photo::Exif;
 use luxel_io::colmap::ColmapModel;
 use serde::Serialize;
 
 use super::PrepareOptions;
-use super::folders::proxy_name;
+use super::folders::{Folders, proxy_name};
+use super::markers::markers_of;
+use crate::text::plural;
 use crate::{Error, Result};
 
 /// Version of the way in which coordinates are found.
@@ -76,6 +78,9 @@ pub struct WorldReport {
     pub gps: Option<GpsFit>,
     /// Why GPS positions are not used, where there are some.
     pub gps_unused: Option<String>,
+    /// Fit to markers.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub markers: Option<MarkerFit>,
 }
 
 impl WorldReport {
@@ -89,9 +94,12 @@ impl WorldReport {
             up_from: world.up,
             origin_from: world.origin,
             scale_from: match &world.scale {
-                ScaleSource::KnownDistance(known) => {
+                ScaleSource::Known(KnownScale::Distance(known)) => {
                     let [a, b] = &known.ends;
                     format!("the distance of {} m from {a} to {b}", known.metres)
+                }
+                ScaleSource::Known(KnownScale::Markers(fit)) => {
+                    format!("{} with edges of {} m", plural(fit.markers, "marker"), fit.edge_m)
                 }
                 ScaleSource::Gps => "GPS positions".to_owned(),
                 ScaleSource::Unknown => "unknown".to_owned(),
@@ -100,6 +108,10 @@ impl WorldReport {
             north_axis: world.gps.map(|_| "+z"),
             gps: world.gps,
             gps_unused: world.gps_unused.clone(),
+            markers: match world.scale {
+                ScaleSource::Known(KnownScale::Markers(fit)) => Some(fit),
+                _ => None,
+            },
         }
     }
 
@@ -125,6 +137,10 @@ impl WorldReport {
                 100.0 * fit.relative_error
             )
         }));
+        lines.extend(self.markers.map(|fit| {
+            let (metres, percent) = (fit.metres_per_unit, 100.0 * fit.deviation);
+            format!("markers give {metres:.4} m in a unit of COLMAP's, their edges {percent:.1} % off (median)")
+        }));
         lines.extend(self.gps_unused.as_ref().map(|reason| format!("GPS is not used: {reason}")));
         lines
     }
@@ -132,7 +148,8 @@ impl WorldReport {
 
 /// Returns the settings that coordinates depend on, for keys.
 pub(super) fn settings(options: &PrepareOptions) -> String {
-    format!("{WORLD_VERSION} {} {:?}", options.keep_coordinates, options.known_distance)
+    let markers = options.markers.map(|markers| format!(" {markers:?}")).unwrap_or_default();
+    format!("{WORLD_VERSION} {} {:?}{markers}", options.keep_coordinates, options.known_distance)
 }
 
 /// Moves a model to world coordinates. Returns `None` if its own are to be kept.
@@ -140,6 +157,7 @@ pub(super) fn place(
     model: &mut ColmapModel,
     records: &[ViewRecord],
     facts: &FileFacts<'_>,
+    folders: &Folders,
     options: &PrepareOptions,
 ) -> Result<Option<WorldReport>> {
     if options.keep_coordinates {
@@ -160,7 +178,11 @@ pub(super) fn place(
     let trusted: Vec<DVec3> = model.points.iter().filter(|p| p.track.len() >= TRUSTED_TRACK).map(|p| p.position).collect();
     let all = || model.points.iter().map(|p| p.position).collect();
     let points = if trusted.is_empty() { all() } else { trusted };
-    let world = find_world(&views, &points, options.known_distance.as_ref()).map_err(|error| {
+    let known = match options.markers {
+        Some(markers) => Some(KnownScale::Markers(markers_of(folders, model, markers)?)),
+        None => options.known_distance.clone().map(KnownScale::Distance),
+    };
+    let world = find_world(&views, &points, known.as_ref()).map_err(|error| {
         let remedy = Remedy::give("known_distance");
         Error::new(error.message).with_remedy(error.remedy.unwrap_or(remedy))
     })?;
@@ -171,6 +193,7 @@ pub(super) fn place(
 
 /// Returns the note on a scale that nothing gives.
 pub(super) fn scale_note(world: &WorldReport) -> Option<PrepareNote> {
-    let text = "the scale of the data set is unknown: no GPS positions fit, and no distance is given";
-    world.metres_per_unit.is_none().then(|| PrepareNote::new(text).with_remedy(Remedy::give("known_distance")))
+    let text = "the scale of the data set is unknown: no GPS positions fit, and no distance or size of markers is given";
+    let remedy = || Remedy::give("known_distance").or(Remedy::give("marker_size"));
+    world.metres_per_unit.is_none().then(|| PrepareNote::new(text).with_remedy(remedy()))
 }

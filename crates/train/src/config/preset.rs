@@ -53,8 +53,8 @@ presets! {
     /// Paper: an addition to the published method. It removes splats that no metric misses and that
     /// cost as much as others. Full and fast: off, because the bound has the same effect.
     prune_unseen:            2e-3,                       0.0,                         0.0;
-    /// Paper: 0, as published. Full and fast: splats directly in front of a camera explain its image
-    /// alone, and are fog in others.
+    /// Paper: 0, as published. Full and fast: splats directly in front of a camera explain its
+    /// image alone, and are fog in others.
     clearance:               0.0,                         0.4,                         0.4;
     /// Full resolution throughout: a schedule saves little if splats, not pixels, dominate the
     /// cost.
