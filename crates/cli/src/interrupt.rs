@@ -1,8 +1,8 @@
 //! Ctrl-C and SIGTERM. First: training finishes its step, saves and exits with 130. Second: the
 //! process exits at once. Outside of training there is nothing to save, and the first one ends the
 //! process. After SIGTERM the exit code is that of `--requeue-code` if it is given, by which a job
-//! system knows to put the job back into its queue. Job systems send SIGTERM in several ways at once:
-//! another within [`SAME_REQUEST`] is the same request.
+//! system knows to put the job back into its queue. Job systems send SIGTERM in several ways at
+//! once: another within [`SAME_REQUEST`] is the same request.
 
 #[cfg(unix)]
 use std::sync::Arc;
@@ -49,8 +49,8 @@ pub(crate) fn set_requeue_code(code: u8) {
     REQUEUE_CODE.store(code, Ordering::SeqCst);
 }
 
-/// Takes note that this process stopped because another rank was asked to: unless it was asked, too,
-/// its exit code is that after SIGTERM.
+/// Takes note that this process stopped because another rank was asked to: unless it was asked,
+/// too, its exit code is that after SIGTERM.
 pub(crate) fn stopped_with_other_ranks() {
     if first_signal().is_none() {
         IS_PREEMPTED.store(true, Ordering::SeqCst);

@@ -23,7 +23,8 @@ const FAILURE: u8 = 1;
 
 /// Runs the command that `args` ask for, of which the first is the program's name, and returns its
 /// exit code: 0, 1 after an error, 2 for a command line that cannot be understood, 130 after an
-/// interruption, or after SIGTERM what `--requeue-code` says. Handlers of Ctrl-C and SIGTERM are installed for the process.
+/// interruption, or after SIGTERM what `--requeue-code` says. Handlers of Ctrl-C and SIGTERM are
+/// installed for the process.
 pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> u8 {
     run_with(args, interrupt::install)
 }

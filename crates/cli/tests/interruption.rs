@@ -291,7 +291,8 @@ fn a_preempted_run_asks_for_requeueing_and_goes_on_to_the_bits_of_an_unbroken_on
         assert!(lines.any(|line| line.unwrap().contains("\"progress\"")));
         signal(&child, name);
         if name == "-TERM" {
-            // Job systems signal every process of a job and those that started it, which pass it on.
+            // Job systems signal every process of a job and those that started it, which pass it
+            // on.
             let _ = Command::new("kill").args([name, &child.id().to_string()]).stderr(Stdio::null()).status();
         }
         let rest = std::thread::spawn(move || lines.map(Result::unwrap).collect::<Vec<_>>());

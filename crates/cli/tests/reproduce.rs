@@ -318,7 +318,8 @@ mod jobs {
         assert_eq!(events.len(), 4);
         assert_eq!((&events[2]["only"], &events[2]["run"], &events[2]["finished"]), (&"3/4".into(), &names[2].into(), &false.into()));
 
-        // All four at once: the last one to end writes the report, and the others say what is missing.
+        // All four at once: the last one to end writes the report, and the others say what is
+        // missing.
         let running: Vec<Child> = jobs.lines().map(|line| spawn(&place, Command::new("sh").args(["-c", line]))).collect();
         let told: Vec<String> = running.into_iter().map(ended_well).collect();
         assert!(place.path("matrix/report.html").is_file(), "{told:?}");

@@ -236,8 +236,8 @@ pub(crate) struct TrainArgs {
     /// input open.
     #[arg(long, help_heading = "Run")]
     pub(crate) stop_at_end_of_input: bool,
-    /// Exit code after SIGTERM, when the state is saved, 3 to 255: one that makes the job system put
-    /// the job back into its queue [default: 130, as after Ctrl-C].
+    /// Exit code after SIGTERM, when the state is saved, 3 to 255: one that makes the job system
+    /// put the job back into its queue [default: 130, as after Ctrl-C].
     #[arg(long, value_name = "CODE", value_parser = clap::value_parser!(u8).range(3..), help_heading = "Run")]
     pub(crate) requeue_code: Option<u8>,
     /// Share each step's batch out to the processes that `mpirun` or `srun` started with this

@@ -64,8 +64,9 @@ pub(crate) struct ReproduceArgs {
     /// an order that depends on the options alone.
     #[arg(long, conflicts_with_all = ["dry_run", "only", "report"], help_heading = "Matrix")]
     pub(crate) list: bool,
-    /// Train the K-th of N shares of the runs, 1/N to N/N; 0 is the last. Shares may be trained at the
-    /// same time, also by several machines in a shared folder; the last one to end writes the report.
+    /// Train the K-th of N shares of the runs, 1/N to N/N; 0 is the last. Shares may be trained at
+    /// the same time, also by several machines in a shared folder; the last one to end writes the
+    /// report.
     #[arg(long, value_name = "K/N", value_parser = parse_share, help_heading = "Matrix")]
     pub(crate) only: Option<StudyShare>,
     /// Train nothing; write the report of the finished runs, which names those that are missing.
@@ -74,8 +75,8 @@ pub(crate) struct ReproduceArgs {
     /// Steps between checkpoints of each run; 0 for the end only.
     #[arg(long, default_value_t = 1000, value_name = "N", help_heading = "Matrix")]
     pub(crate) checkpoint_every: u32,
-    /// Exit code after SIGTERM, when all runs are saved, 3 to 255: one that makes the job system put
-    /// the job back into its queue [default: 130, as after Ctrl-C].
+    /// Exit code after SIGTERM, when all runs are saved, 3 to 255: one that makes the job system
+    /// put the job back into its queue [default: 130, as after Ctrl-C].
     #[arg(long, value_name = "CODE", value_parser = clap::value_parser!(u8).range(3..), help_heading = "Matrix")]
     pub(crate) requeue_code: Option<u8>,
     /// Metrics to compute.

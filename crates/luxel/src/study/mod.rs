@@ -17,11 +17,11 @@
 //! it; the others continue.
 //!
 //! Processes that train a share each ([`StudyOptions::share`]) work in one folder at once, also on
-//! several machines, and need no lock of it. Their runs differ; the list of what is asked for is the
-//! same, written whole; and a run is finished once its metrics are there, which are written last. A
-//! run that another process works in is left to that process, as far as the file system has locks.
-//! Without them, a share that is begun twice at once is trained twice, to the same bits and with each
-//! file whole; one of the two may end with an error where the other tidied up.
+//! several machines, and need no lock of it. Their runs differ; the list of what is asked for is
+//! the same, written whole; and a run is finished once its metrics are there, which are written
+//! last. A run that another process works in is left to that process, as far as the file system has
+//! locks. Without them, a share that is begun twice at once is trained twice, to the same bits and
+//! with each file whole; one of the two may end with an error where the other tidied up.
 
 mod columns;
 mod crops;
@@ -165,7 +165,7 @@ pub fn report(options: &StudyOptions, observer: &dyn Observer) -> Result<Study> 
     report_on(&matrix, &states, Vec::new(), Reporting { options, measure_options, observer })
 }
 
-/// What a report needs besides the runs.
+/// Needs of a report besides the runs.
 struct Reporting<'a> {
     options: &'a StudyOptions,
     measure_options: MeasureOptions,

@@ -1,7 +1,7 @@
 //! Training of all open cells, some side by side.
 //!
-//! In: the matrix and its cells to train. Out: whether it was interrupted, and the cells that failed.
-//! The order of the runs and their number side by side change their times, but no result.
+//! In: the matrix and its cells to train. Out: whether it was interrupted, and the cells that
+//! failed. The order of the runs and their number side by side change their times, but no result.
 //! Degenerate: nothing open, nothing started.
 
 use std::collections::BTreeSet;
