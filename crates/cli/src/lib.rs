@@ -167,6 +167,8 @@ fn dispatch(command: Command, explicit: &ExplicitArgs, words: &[OsString]) -> Re
         Command::Doctor(args) => commands::doctor::run(&args).map(|()| Outcome::Finished),
         Command::Bench(args) => commands::bench::run(&args).map(|()| Outcome::Finished),
         Command::Reproduce(args) => commands::reproduce::run(&args, explicit, words),
+        Command::Split(args) => commands::blocks::run_split(&args, explicit, words).map(|()| Outcome::Finished),
+        Command::Merge(args) => commands::blocks::run_merge(&args).map(|()| Outcome::Finished),
         Command::Completions(args) => commands::completions::completions(&args, args::command()).map(|()| Outcome::Finished),
         Command::Man(args) => commands::completions::man(&args, args::command()).map(|()| Outcome::Finished),
     }

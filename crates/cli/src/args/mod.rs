@@ -2,6 +2,7 @@
 //! they take.
 
 mod bench;
+mod blocks;
 mod compare;
 mod completions;
 mod edit;
@@ -30,6 +31,7 @@ use luxel_metrics::FieldOptions;
 use luxel_train::{Method, NamedChoice};
 
 pub(crate) use self::bench::BenchArgs;
+pub(crate) use self::blocks::{MergeArgs, SplitArgs};
 pub(crate) use self::compare::CompareArgs;
 pub(crate) use self::completions::{CompletionsArgs, ManArgs};
 pub(crate) use self::edit::{EditArgs, EditText, ShMapArg};
@@ -200,6 +202,10 @@ pub(crate) enum Command {
     /// Train methods side by side on data sets and seeds, and write the paper's tables and
     /// pictures.
     Reproduce(Box<ReproduceArgs>),
+    /// Divide a large data set into blocks of the ground, each a data set to train on by itself.
+    Split(Box<SplitArgs>),
+    /// Join the scenes of all blocks of luxel split to one.
+    Merge(MergeArgs),
     /// Print the completion script for a shell.
     Completions(CompletionsArgs),
     /// Write the man pages of the program and of each command.

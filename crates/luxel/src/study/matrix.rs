@@ -132,6 +132,7 @@ impl Matrix {
         let (dataset, model) = (&self.sources[source], self.methods[method]);
         let seed = train.seed;
         let place = Path::new(RUNS).join(&dataset.name).join(model.name()).join(format!("seed_{seed}"));
+        let train = crate::blocks::train_config(&dataset.path, train)?;
         train.validate().with_context(|| format!("method {}", model.name()))?;
         let config = RunConfig {
             luxel_version: crate::VERSION.into(),

@@ -1,14 +1,7 @@
-//! The runs of a study as jobs for several processes, and the share of one process.
+//! The share of one of several processes in the runs of a study.
 //!
-//! In: options, which number the runs by their own order of seeds, data sets and methods, whatever
-//! the folder holds. Out: [`StudyJob`]s; which of them a [`StudyShare`] has. Degenerate: with more
+//! In: its text. Out: which runs it has, by their places among the jobs. Degenerate: with more
 //! shares than runs, some have none.
-
-use std::path::PathBuf;
-
-use super::matrix::{CellState, Matrix};
-use super::options::StudyOptions;
-use crate::Result;
 
 /// The K-th of N shares of a study's runs: every N-th run, beginning with the K-th.
 ///
@@ -47,39 +40,6 @@ pub fn parse_share(text: &str) -> Result<StudyShare, String> {
         return Err(format!("{text}: expected a share from 1/{0} to {0}/{0}", count.max(1)));
     }
     Ok(StudyShare { number: if number == 0 { count } else { number }, count })
-}
-
-/// A run of a study as a job.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct StudyJob {
-    /// Its name: `desk-lamp lcd seed 42`.
-    pub run: String,
-    /// Its folder.
-    pub folder: PathBuf,
-    /// Steps of its training.
-    pub steps: u32,
-    /// Whether it is trained and evaluated.
-    pub is_finished: bool,
-}
-
-/// Returns the runs that the options ask for, in an order that depends on nothing else; writes
-/// nothing. The share `K/N` of N runs is the K-th.
-///
-/// # Errors
-/// As [`super::run`], before it trains.
-pub fn jobs(options: &StudyOptions) -> Result<Vec<StudyJob>> {
-    let matrix = Matrix::plan(options)?;
-    matrix.check_root()?;
-    let states = matrix.states(options.word_difference)?;
-    let mut jobs: Vec<(usize, StudyJob)> = Vec::new();
-    for (cell, state) in matrix.cells.iter().zip(states) {
-        let Some(number) = cell.job else { continue };
-        let (run, folder) = (cell.name(&matrix), cell.folder.root().to_owned());
-        let (steps, is_finished) = (cell.config.train.iterations, state == CellState::Finished);
-        jobs.push((number, StudyJob { run, folder, steps, is_finished }));
-    }
-    jobs.sort_by_key(|(number, _)| *number);
-    Ok(jobs.into_iter().map(|(_, job)| job).collect())
 }
 
 #[cfg(test)]
