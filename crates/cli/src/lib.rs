@@ -23,7 +23,8 @@ const FAILURE: u8 = 1;
 
 /// Runs the command that `args` ask for, of which the first is the program's name, and returns its
 /// exit code: 0, 1 after an error, 2 for a command line that cannot be understood, 130 after an
-/// interruption. Handlers of Ctrl-C and SIGTERM are installed for the process.
+/// interruption, or after SIGTERM what `--requeue-code` says. Handlers of Ctrl-C and SIGTERM are
+/// installed for the process.
 pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> u8 {
     run_with(args, interrupt::install)
 }
@@ -48,7 +49,8 @@ pub fn interrupt() -> bool {
 
 /// Runs a command; `handle_signals` comes before its first event.
 fn run_with(args: impl IntoIterator<Item = impl Into<OsString> + Clone>, handle_signals: impl FnOnce() -> Result<()>) -> u8 {
-    let matches = match args::command().try_get_matches_from(args) {
+    let words: Vec<OsString> = args.into_iter().map(Into::into).collect();
+    let matches = match args::command().try_get_matches_from(&words) {
         Ok(matches) => matches,
         Err(error) => return answer(&args::with_new_names(error)),
     };
@@ -73,10 +75,13 @@ fn run_with(args: impl IntoIterator<Item = impl Into<OsString> + Clone>, handle_
     if let Some(gib) = memory {
         luxel_io::set_memory_limit(gib << 30);
     }
+    if let Some(code) = matches.subcommand().and_then(|(_, matches)| matches.try_get_one::<u8>("requeue_code").ok().flatten()) {
+        interrupt::set_requeue_code(*code);
+    }
     let threads = matches.subcommand().and_then(|(_, matches)| matches.try_get_one::<u32>("threads").ok().flatten().copied());
-    match installed.and_then(|()| start(&cli.command, threads)).and_then(|()| on_large_stack(|| dispatch(cli.command, &explicit))) {
+    match installed.and_then(|()| start(&cli.command, threads)).and_then(|()| on_large_stack(|| dispatch(cli.command, &explicit, &words))) {
         Ok(Outcome::Finished) => 0,
-        Ok(Outcome::Interrupted) => interrupt::EXIT_INTERRUPTED,
+        Ok(Outcome::Interrupted) => interrupt::exit_code(),
         Err(error) => fail(&error),
     }
 }
@@ -142,7 +147,8 @@ fn on_large_stack(run: impl FnOnce() -> Result<Outcome> + Send) -> Result<Outcom
     .unwrap_or_else(|| anyhow::bail!("the command did not run"))
 }
 
-fn dispatch(command: Command, explicit: &ExplicitArgs) -> Result<Outcome> {
+/// Runs a command; `words` are those of the command line.
+fn dispatch(command: Command, explicit: &ExplicitArgs, words: &[OsString]) -> Result<Outcome> {
     match command {
         Command::Demo(args) => commands::demo::run(&args),
         Command::Prepare(args) => commands::prepare::run(&args).map(|()| Outcome::Finished),
@@ -160,7 +166,9 @@ fn dispatch(command: Command, explicit: &ExplicitArgs) -> Result<Outcome> {
         Command::Info(args) => commands::info::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Doctor(args) => commands::doctor::run(&args).map(|()| Outcome::Finished),
         Command::Bench(args) => commands::bench::run(&args).map(|()| Outcome::Finished),
-        Command::Reproduce(args) => commands::reproduce::run(&args, explicit),
+        Command::Reproduce(args) => commands::reproduce::run(&args, explicit, words),
+        Command::Split(args) => commands::blocks::run_split(&args, explicit, words).map(|()| Outcome::Finished),
+        Command::Merge(args) => commands::blocks::run_merge(&args).map(|()| Outcome::Finished),
         Command::Completions(args) => commands::completions::completions(&args, args::command()).map(|()| Outcome::Finished),
         Command::Man(args) => commands::completions::man(&args, args::command()).map(|()| Outcome::Finished),
     }

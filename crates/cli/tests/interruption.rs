@@ -279,6 +279,33 @@ fn the_end_of_input_stops_a_run_that_was_asked_to_listen() {
     assert!(!checkpoints(&place, "run").is_empty());
 }
 
+#[test]
+fn a_preempted_run_asks_for_requeueing_and_goes_on_to_the_bits_of_an_unbroken_one() {
+    let place = Workplace::new();
+    place.ok(&train_args("unbroken"));
+    let begin = [&train_args("run")[..], &["--requeue-code", "75"]].concat();
+    let again = ["train", "--resume", "-o", "run", "--log-format", "json", "--requeue-code", "75"];
+    for (args, name, code) in [(&begin[..], "-TERM", 75), (&again, "-INT", 130)] {
+        let mut child = spawn(&place, args);
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        assert!(lines.any(|line| line.unwrap().contains("\"progress\"")));
+        signal(&child, name);
+        if name == "-TERM" {
+            // Job systems signal every process of a job and those that started it, which pass it
+            // on.
+            let _ = Command::new("kill").args([name, &child.id().to_string()]).stderr(Stdio::null()).status();
+        }
+        let rest = std::thread::spawn(move || lines.map(Result::unwrap).collect::<Vec<_>>());
+        assert_eq!(wait(&mut child).code(), Some(code));
+        let told = rest.join().unwrap().join("\n");
+        assert!(told.contains("luxel train --resume -o run"), "{told}");
+    }
+    place.ok(&["train", "--resume", "-o", "run"]);
+    let last = |run: &str| std::fs::read(checkpoints(&place, run).last().unwrap()).unwrap();
+    assert!(last("run") == last("unbroken"));
+    place.fails(2, &["train", "data", "-o", "other", "--requeue-code", "1"]);
+}
+
 /// Steps of runs that tell their progress a few times.
 const MATRIX_STEPS: &str = "400";
 
@@ -317,6 +344,14 @@ fn an_interrupted_matrix_saves_its_runs_and_ends_with_the_bits_of_an_unbroken_on
     assert!(told.contains("the same command continues from here"), "{told}");
     assert!(!place.path("broken/report.html").exists());
     assert!(["sh1", "lcd"].iter().any(|method| !checkpoints(&place, &format!("broken/runs/data/{method}/seed_3")).is_empty()));
+
+    let mut child = spawn(&place, &[&matrix_args("broken")[..], &["--requeue-code", "99"]].concat());
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    assert!(lines.any(|line| line.unwrap().contains("\"matrix_progress\"")));
+    signal(&child, "-TERM");
+    let rest = std::thread::spawn(move || lines.count());
+    assert_eq!(wait(&mut child).code(), Some(99));
+    rest.join().unwrap();
 
     // Killed outright, its runs stop by themselves, and the lock of each falls.
     let mut child = spawn(&place, &matrix_args("broken"));

@@ -274,3 +274,105 @@ fn a_run_that_fails_does_not_stop_the_others() {
     place.ok(&args(&[["--methods", "lcd"]]));
     assert!(read(&place, "matrix/report.html").contains("Left out: cannot show view"));
 }
+
+/// The program's file name in job lists needs a shell.
+#[cfg(unix)]
+mod jobs {
+    use std::process::{Child, Command, Stdio};
+
+    use super::*;
+
+    const FOUR: [[&str; 2]; 1] = [["--seeds", "7,8"]];
+
+    fn spawn(place: &Workplace, command: &mut Command) -> Child {
+        command.current_dir(place.path("")).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+    }
+
+    fn ended_well(child: Child) -> String {
+        let output = child.wait_with_output().unwrap();
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{stderr}");
+        stderr
+    }
+
+    /// The metrics of training, without those of time and memory.
+    fn metrics(place: &Workplace, folder: &str) -> Vec<String> {
+        let runs = read(place, &format!("{folder}/runs.csv"));
+        let of_run = |run: [&str; 2]| {
+            let start = format!("data,{},{}", run[0], run[1]);
+            ["psnr_scene", "ssim_gtmax", "train_psnr_scene", "splats"].map(|column| value(&runs, &start, column)).join(",")
+        };
+        [["sh1", "12,7"], ["sh1", "12,8"], ["lcd", "49,7"], ["lcd", "49,8"]].map(of_run).to_vec()
+    }
+
+    #[test]
+    fn a_job_list_has_a_command_for_each_run_and_they_make_the_table_of_one_process() {
+        let place = Workplace::new();
+        place.ok(&args(&[FOUR[0], ["-o", "whole"]]));
+        let list = || place.ok(&[&args(&FOUR)[..], &["--list"]].concat());
+        let jobs = list();
+        let names = ["data sh1 seed 7", "data lcd seed 7", "data sh1 seed 8", "data lcd seed 8"];
+        assert!(jobs.lines().zip(names).all(|(line, name)| line.ends_with(&format!("  # {name}"))) && jobs.lines().count() == 4, "{jobs}");
+        assert!(!place.path("matrix").exists(), "a list writes nothing");
+        let events = place.events(&[&args(&FOUR)[..], &["--list"]].concat(), "job");
+        assert_eq!(events.len(), 4);
+        assert_eq!((&events[2]["only"], &events[2]["run"], &events[2]["finished"]), (&"3/4".into(), &names[2].into(), &false.into()));
+
+        // All four at once: the last one to end writes the report, and the others say what is
+        // missing.
+        let running: Vec<Child> = jobs.lines().map(|line| spawn(&place, Command::new("sh").args(["-c", line]))).collect();
+        let told: Vec<String> = running.into_iter().map(ended_well).collect();
+        assert!(place.path("matrix/report.html").is_file(), "{told:?}");
+        assert_eq!(metrics(&place, "matrix"), metrics(&place, "whole"));
+        assert_eq!(list(), jobs, "the order depends on the options alone");
+        let finished = place.events(&[&args(&FOUR)[..], &["--list"]].concat(), "job");
+        assert!(finished.iter().all(|job| job["finished"] == true));
+    }
+
+    #[test]
+    fn one_share_twice_at_the_same_time_is_harmless() {
+        let place = Workplace::new();
+        place.ok(&args(&[FOUR[0], ["-o", "whole"]]));
+        let program = env!("CARGO_BIN_EXE_luxel");
+        let shares = ["1/2", "1/2", "0/2"].map(|share| {
+            let mut command = Command::new(program);
+            spawn(&place, command.args(args(&FOUR)).args(["--only", share]))
+        });
+        let told = shares.map(ended_well);
+        for run in ["sh1/seed_7", "sh1/seed_8", "lcd/seed_7", "lcd/seed_8"] {
+            let scene = |root: &str| {
+                std::fs::read(place.path(root).join("runs/data").join(run).join("point_cloud/iteration_20/point_cloud.ply")).unwrap()
+            };
+            assert!(scene("matrix") == scene("whole"), "{run}: {told:?}");
+        }
+    }
+
+    #[test]
+    fn a_report_on_a_part_says_what_is_missing() {
+        let place = Workplace::new();
+        let with = |more: &[&'static str]| [&args(&FOUR)[..], more].concat();
+        place.error(&with(&["--report"]), &["no run is finished"]);
+        let told = place.luxel(&with(&["--only", "1/2"])).output().unwrap();
+        let stderr = String::from_utf8_lossy(&told.stderr).into_owned();
+        assert!(told.status.success() && stderr.contains("2 runs missing: data lcd seed 7, data lcd seed 8"), "{stderr}");
+        assert!(!place.path("matrix/report.html").exists());
+        // A run that another process works in is left to it.
+        let busy = place.path("matrix/runs/data/lcd/seed_7");
+        std::fs::create_dir_all(&busy).unwrap();
+        let lock = std::fs::File::create(busy.join(".lock")).unwrap();
+        lock.try_lock().unwrap();
+        let told = place.luxel(&with(&["--only", "2/2"])).output().unwrap();
+        let stderr = String::from_utf8_lossy(&told.stderr).into_owned();
+        assert!(told.status.success() && stderr.contains("data lcd seed 7: another process trains it"), "{stderr}");
+        drop(lock);
+        let plan = place.events(&with(&["--only", "2/2", "--dry-run"]), "plan").remove(0);
+        assert_eq!(["runs", "finished", "open"].map(|name| plan[name].as_u64().unwrap()), [2, 1, 1]);
+        let told = place.luxel(&with(&["--report"])).output().unwrap();
+        assert!(told.status.success() && String::from_utf8_lossy(&told.stderr).contains("1 run missing: data lcd seed 7"), "{told:?}");
+        assert!(read(&place, "matrix/report.html").contains("1 run missing: data lcd seed 7"));
+        assert!(read(&place, "matrix/tables.tex").contains("% Missing: data lcd seed 7"));
+        for bad in ["3/2", "1", "0/0"] {
+            place.fails(2, &with(&["--only", bad]));
+        }
+    }
+}

@@ -51,6 +51,7 @@
 //! ```
 
 pub mod bench;
+pub mod blocks;
 pub mod build_info;
 pub mod camera_path;
 pub mod colormap;

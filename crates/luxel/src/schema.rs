@@ -50,13 +50,17 @@ pub const EDIT: Document = Document { name: "luxel edit --json", version: 2 };
 pub const EDIT_COMPARISON: Document = Document { name: "comparison.json", version: 1 };
 /// A picked pixel.
 pub const PICK: Document = Document { name: "luxel pick --json", version: 1 };
+/// A block of a data set.
+pub const BLOCK: Document = Document { name: "block.json", version: 1 };
+/// The blocks of a data set.
+pub const BLOCKS: Document = Document { name: "blocks.json", version: 1 };
 /// A measurement of speed.
 pub const BENCH: Document = Document { name: "luxel bench --json", version: 1 };
 /// The scene and the probe that a viewer answers with.
 pub const VIEW: Document = Document { name: "luxel view", version: 1 };
 
 /// All documents, in the order of the reference.
-pub const DOCUMENTS: [Document; 18] = [
+pub const DOCUMENTS: [Document; 20] = [
     METRICS,
     LOG,
     CAMERAS,
@@ -73,6 +77,8 @@ pub const DOCUMENTS: [Document; 18] = [
     EDIT,
     EDIT_COMPARISON,
     PICK,
+    BLOCK,
+    BLOCKS,
     BENCH,
     VIEW,
 ];

@@ -62,6 +62,12 @@ pub fn alternatives(names: impl IntoIterator<Item = String>) -> String {
     }
 }
 
+/// Returns a word as a shell reads it: quoted where it has to be.
+pub fn shell_word(word: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
+    if !word.is_empty() && word.chars().all(is_plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
+}
+
 /// Returns the range of a decade of luminance (see [`luxel_metrics::DecadeError`]): `0.1 to
 /// 1`.
 pub fn decade(decade: i32) -> String {
@@ -83,6 +89,13 @@ pub fn origin_line(world_from_local: &luxel_core::Similarity) -> Option<String> 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn words_are_quoted_for_a_shell() {
+        assert_eq!(shell_word("a/b-c.db"), "a/b-c.db");
+        assert_eq!(shell_word("my photos"), "'my photos'");
+        assert_eq!(shell_word("it's"), "'it'\\''s'");
+    }
 
     #[test]
     fn bytes_and_durations_have_the_unit_that_keeps_them_short() {

@@ -42,7 +42,7 @@ pub use config::{
 };
 pub use contribution::add_contribution;
 pub use error::TrainError;
-pub use init::{Initial, first_colors_bytes, initialise};
+pub use init::{Initial, first_colors_bytes, initialise, radiance_scale_of};
 pub use neighbourhood::Neighbourhood;
 pub use pixel_weights::NoiseChoice;
 pub use poses::{ALIGNMENT_STEPS, AlignmentScene, PoseChange, PoseReport, align_camera, pose_change};

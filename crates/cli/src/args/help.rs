@@ -11,7 +11,7 @@ struct ShortHelp {
     example: &'static str,
 }
 
-const SHORT: [ShortHelp; 17] = [
+const SHORT: [ShortHelp; 19] = [
     ShortHelp { command: "demo", options: &["output", "iterations", "method", "device", "quiet"], example: "luxel demo -o luxel-demo" },
     ShortHelp {
         command: "prepare",
@@ -104,6 +104,12 @@ const SHORT: [ShortHelp; 17] = [
         options: &["output", "methods", "seeds", "jobs", "dry-run", "iterations", "preset", "metrics", "downscale", "quiet"],
         example: "luxel reproduce my-scene -o study --methods sh3,lcd --seeds 1,2 --dry-run",
     },
+    ShortHelp {
+        command: "split",
+        options: &["output", "grid", "max-splats", "border", "downscale", "quiet"],
+        example: "luxel split street -o blocks --max-splats 2000000 -- --iterations 30000",
+    },
+    ShortHelp { command: "merge", options: &["output", "overwrite", "quiet"], example: "luxel merge blocks -o street.ply" },
     ShortHelp { command: "man", options: &["quiet"], example: "luxel man ~/.local/share/man/man1" },
 ];
 

@@ -2,6 +2,7 @@
 //! they take.
 
 mod bench;
+mod blocks;
 mod compare;
 mod completions;
 mod edit;
@@ -30,6 +31,7 @@ use luxel_metrics::FieldOptions;
 use luxel_train::{Method, NamedChoice};
 
 pub(crate) use self::bench::BenchArgs;
+pub(crate) use self::blocks::{MergeArgs, SplitArgs};
 pub(crate) use self::compare::CompareArgs;
 pub(crate) use self::completions::{CompletionsArgs, ManArgs};
 pub(crate) use self::edit::{EditArgs, EditText, ShMapArg};
@@ -200,6 +202,10 @@ pub(crate) enum Command {
     /// Train methods side by side on data sets and seeds, and write the paper's tables and
     /// pictures.
     Reproduce(Box<ReproduceArgs>),
+    /// Divide a large data set into blocks of the ground, each a data set to train on by itself.
+    Split(Box<SplitArgs>),
+    /// Join the scenes of all blocks of luxel split to one.
+    Merge(MergeArgs),
     /// Print the completion script for a shell.
     Completions(CompletionsArgs),
     /// Write the man pages of the program and of each command.
@@ -208,7 +214,9 @@ pub(crate) enum Command {
 
 /// `luxel train`.
 #[derive(Debug, Args)]
-#[command(after_help = "Ctrl-C saves the state and exits with code 130; --resume continues from there, bit for bit.")]
+#[command(
+    after_help = "Ctrl-C and SIGTERM save the state and exit with code 130, or SIGTERM with that of --requeue-code; --resume continues from there, bit for bit."
+)]
 pub(crate) struct TrainArgs {
     /// Folder of the data set: transforms.json, COLMAP's sparse/0, or the layouts of HDR-NeRF,
     /// HDR-GS and GaussHDR. Optional with --resume and --config, which name one.
@@ -234,6 +242,10 @@ pub(crate) struct TrainArgs {
     /// input open.
     #[arg(long, help_heading = "Run")]
     pub(crate) stop_at_end_of_input: bool,
+    /// Exit code after SIGTERM, when the state is saved, 3 to 255: one that makes the job system
+    /// put the job back into its queue [default: 130, as after Ctrl-C].
+    #[arg(long, value_name = "CODE", value_parser = clap::value_parser!(u8).range(3..), help_heading = "Run")]
+    pub(crate) requeue_code: Option<u8>,
     /// Share each step's batch out to the processes that `mpirun` or `srun` started with this
     /// command. Without --batch, a step has one view for each process.
     #[arg(long, value_name = "BY", help_heading = "Machine")]

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::builder::{OsStringValueParser, Resettable, TypedValueParser};
 use clap::{Arg, Args};
 use luxel::run::ExplicitArgs;
-use luxel::study::{METHOD_OPTIONS, StudyDataset, parse_dataset, parse_method};
+use luxel::study::{METHOD_OPTIONS, StudyDataset, StudyShare, parse_dataset, parse_method, parse_share};
 use luxel_core::ColorModel;
 use luxel_train::{MAX_SEED, NamedChoice, OptionSpec, Preset, TrainConfig};
 
@@ -18,8 +18,9 @@ use super::{ConsoleArgs, DeviceArgs, LoadArgs, MetricsArgs};
     after_help = "Methods: sh0 to sh5 (spherical harmonics of RGB radiance; sh3 is 3D Gaussian splatting), lcd (LCD-GS); after lcd, -exp or -relu \
     for the activation of the luminance, -l1 to -l3 for a luminance that varies with the view, -c0 to -c5 for the degree of chromaticity: lcd-c2-l1.\n\n\
     Every run is a folder below DIR/runs. Finished runs are kept, interrupted ones are continued; the same command again writes the report anew. \
-    Methods, data sets and seeds can be added: the report covers them and all finished runs of earlier commands. Other options need another folder. Ctrl-C saves all runs and exits with code 130.\n\n\
+    Methods, data sets and seeds can be added: the report covers them and all finished runs of earlier commands. Other options need another folder. Ctrl-C and SIGTERM save all runs and exit with code 130, or SIGTERM with that of --requeue-code.\n\n\
     luxel reproduce desk-lamp bathroom -o paper --iterations 7000\n\
+    luxel reproduce desk-lamp bathroom -o paper --iterations 7000 --only 1/4\n\
     luxel reproduce desk=captures/1102/data lab=captures/1103/data -o places\n\
     luxel reproduce my-scene -o ablation --methods sh3,lcd,lcd-l1 --seeds 1,2 --jobs 2 --downscale 2"
 )]
@@ -59,9 +60,25 @@ pub(crate) struct ReproduceArgs {
     /// the time.
     #[arg(long, help_heading = "Matrix")]
     pub(crate) dry_run: bool,
+    /// Print the runs as jobs and train nothing: a line each, the command that trains that run, in
+    /// an order that depends on the options alone.
+    #[arg(long, conflicts_with_all = ["dry_run", "only", "report"], help_heading = "Matrix")]
+    pub(crate) list: bool,
+    /// Train the K-th of N shares of the runs, 1/N to N/N; 0 is the last. Shares may be trained at
+    /// the same time, also by several machines in a shared folder; the last one to end writes the
+    /// report.
+    #[arg(long, value_name = "K/N", value_parser = parse_share, help_heading = "Matrix")]
+    pub(crate) only: Option<StudyShare>,
+    /// Train nothing; write the report of the finished runs, which names those that are missing.
+    #[arg(long, conflicts_with_all = ["dry_run", "only"], help_heading = "Matrix")]
+    pub(crate) report: bool,
     /// Steps between checkpoints of each run; 0 for the end only.
     #[arg(long, default_value_t = 1000, value_name = "N", help_heading = "Matrix")]
     pub(crate) checkpoint_every: u32,
+    /// Exit code after SIGTERM, when all runs are saved, 3 to 255: one that makes the job system
+    /// put the job back into its queue [default: 130, as after Ctrl-C].
+    #[arg(long, value_name = "CODE", value_parser = clap::value_parser!(u8).range(3..), help_heading = "Matrix")]
+    pub(crate) requeue_code: Option<u8>,
     /// Metrics to compute.
     #[command(flatten)]
     pub(crate) metrics: MetricsArgs,

@@ -55,6 +55,9 @@ fn run_over_mpi(args: &TrainArgs, explicit: &ExplicitArgs) -> Result<Outcome> {
     let (rank, ranks) = (exchange.rank(), exchange.ranks());
     let outcome =
         if rank == 0 { lead(args, explicit, exchange) } else { follow(exchange, open_as_told, interrupt::stop()).map_err(Into::into) };
+    if matches!(outcome, Ok(Outcome::Interrupted)) {
+        interrupt::stopped_with_other_ranks();
+    }
     outcome.or_else(|error| {
         let failed = crate::fail(&error.context(format!("rank {rank} of {ranks}, which ends the others")));
         connection.abort(failed)

@@ -5,9 +5,10 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::{DAffine3, DVec3};
-use luxel_core::{ColorSpace, Dataset, Point, PointCoverage, SceneBounds, Similarity, View};
+use luxel_core::{BadPixels, ColorSpace, Dataset, Point, PointCoverage, SceneBounds, Similarity, View};
 use rayon::prelude::*;
 
+use super::block::Block;
 use super::checks::{self, CheckedView};
 use super::fingerprint::Fingerprint;
 use super::image_memory::{PlannedImage, ViewPlace, plan};
@@ -24,7 +25,20 @@ use crate::image::image_size;
 /// Names that a warning lists.
 const MAX_LISTED: usize = 3;
 
-pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions, loading: &Loading<'_>) -> Result<Dataset, IoError> {
+/// The block that a data set is reduced to, and its folder.
+#[derive(Clone, Copy)]
+pub(super) struct BlockOf<'a> {
+    pub(super) block: &'a Block,
+    pub(super) folder: &'a Path,
+}
+
+pub(super) fn assemble(
+    path: &Path,
+    source: DatasetSource,
+    block: Option<BlockOf<'_>>,
+    options: &LoadOptions,
+    loading: &Loading<'_>,
+) -> Result<Dataset, IoError> {
     let DatasetSource { format, folder, mut frames, split, points, points_from, mut warnings, .. } = source;
     if frames.is_empty() {
         return Err(IoError::invalid(path, "no images, expected at least one"));
@@ -39,15 +53,15 @@ pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions
 
     let names: Vec<&str> = sorted.iter().map(|frame| frame.name.as_str()).collect();
     let own: Vec<Option<Part>> = sorted.iter().map(|frame| frame.part).collect();
-    let parts = assign(&split, &names, &own)?;
+    let mut parts = assign(&split, &names, &own)?;
+    block.map_or(Ok(()), |of| of.block.restrict(&sorted, &mut parts, of.folder))?;
     let of = |part| (0..sorted.len()).filter(|i| parts[*i] == part).collect::<Vec<usize>>();
     let (train, test, left_out) = (of(Some(Part::Train)), of(Some(Part::Test)), of(None));
     if train.is_empty() {
         return Err(IoError::invalid(path, format!("no training images among {}, expected at least one", sorted.len())));
     }
-    if !left_out.is_empty() {
-        let names: Vec<&str> = left_out.iter().map(|i| names[*i]).collect();
-        warnings.push(format!("left out, neither in train nor in test: {}", count_and_names(&names)));
+    if block.is_none() {
+        warnings.extend(left_out_warning(left_out.iter().map(|i| names[*i]).collect()));
     }
     if test.is_empty() {
         warnings.push("no test views: no image is held out to measure quality with".to_owned());
@@ -79,7 +93,10 @@ pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions
         let foreign_lens = used.frame.intrinsics.foreign_lens.map(|lens| lens.prepared());
         targets[used.source].push(ObservedView { index, photographed: &l.photographed, foreign_lens, view: &l.view });
     }
-    let points = map_points(points, &targets, &local_from_world).map_err(|error| IoError::invalid(path, error))?;
+    let mut points = map_points(points, &targets, &local_from_world).map_err(|error| IoError::invalid(path, error))?;
+    if let Some(BlockOf { block, .. }) = block {
+        block.choose_points(&mut points, &train_views(&used, &loaded), &world_from_local);
+    }
     let checked: Vec<CheckedView<'_>> = used.iter().zip(&loaded).map(|(used, loaded)| CheckedView { frame: &used.frame, loaded }).collect();
     warnings.extend(checks::warnings(&folder, &checked, &points));
     warnings.extend(checks::idle_transfer(&checked, options));
@@ -87,14 +104,30 @@ pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions
 
     let fingerprint = fingerprint(Fingerprint::new(&format, options), &used, &loaded, &points, &world_from_local);
 
-    let mut bad_pixels: Vec<_> = loaded.iter().filter_map(|l| l.bad.clone()).collect();
-    bad_pixels.sort_by(|a, b| a.name.cmp(&b.name));
+    let bad_pixels = bad_pixels(&loaded);
     let train_count = used.iter().filter(|used| used.part == Part::Train).count();
     let mut train: Vec<View> = loaded.into_iter().map(|l| l.view).collect();
     let test = train.split_off(train_count);
     warnings.extend(PointCoverage::new(&points, &train).warning(&points_from));
     let metres_per_unit = metres_per_unit(path, &folder)?;
     Ok(Dataset { format, train, test, points, color_space, bad_pixels, fingerprint, warnings, world_from_local, metres_per_unit, readers })
+}
+
+/// Returns what was masked, by name.
+fn bad_pixels(loaded: &[LoadedView]) -> Vec<BadPixels> {
+    let mut found: Vec<BadPixels> = loaded.iter().filter_map(|loaded| loaded.bad.clone()).collect();
+    found.sort_by(|a, b| a.name.cmp(&b.name));
+    found
+}
+
+/// Returns the views to train on.
+fn train_views<'a>(used: &[SelectedFrame], loaded: &'a [LoadedView]) -> Vec<&'a View> {
+    used.iter().zip(loaded).filter(|(used, _)| used.part == Part::Train).map(|(_, loaded)| &loaded.view).collect()
+}
+
+/// Returns a warning of views that are on no side of the split.
+fn left_out_warning(names: Vec<&str>) -> Option<String> {
+    (!names.is_empty()).then(|| format!("left out, neither in train nor in test: {}", count_and_names(&names)))
 }
 
 /// Returns the digest of the data set, of which `begun` has the options.

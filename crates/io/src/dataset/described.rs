@@ -9,6 +9,7 @@ use std::path::Path;
 use glam::{DAffine3, DVec2, DVec3};
 use luxel_core::{Camera, CameraProjection, text::plural};
 
+use super::block::Block;
 use super::source::SourceFrame;
 use super::{LoadOptions, read_source};
 use crate::IoError;
@@ -31,7 +32,12 @@ pub struct DatasetDescription {
 /// # Errors
 /// The same as [`super::load_dataset`], but for what is within images.
 pub fn describe_dataset(path: &Path, options: &LoadOptions) -> Result<DatasetDescription, IoError> {
-    let source = read_source(path, options)?;
+    let block = Block::read(path)?;
+    let mut source = read_source(&block.as_ref().map_or(Ok(path.to_owned()), |block| block.whole(path))?, options)?;
+    if let Some(block) = block {
+        source.frames.retain(|frame| block.views.contains(&frame.name));
+        source.notes.push(format!("a block of {}", block.dataset_path(path).display()));
+    }
     let mut groups: Vec<Group> = Vec::new();
     for frame in &source.frames {
         let Some(seen) = DescribedCamera::of_frame(frame)? else { continue };

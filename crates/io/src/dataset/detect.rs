@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use luxel_core::Remedy;
 
+use super::block::Block;
 use super::candidates::files_with;
 use super::colmap::find_model;
 use super::files::without_extension;
@@ -47,6 +48,9 @@ pub fn detect_format(path: &Path) -> Result<DatasetFormat, IoError> {
             usd if layout_usd::EXTENSIONS.contains(&usd) => Ok(DatasetFormat::Usd),
             _ => Err(IoError::invalid(path, format!("is a file, expected a transforms.json or a folder with {LOOKED_FOR}"))),
         };
+    }
+    if let Some(block) = Block::read(path)? {
+        return detect_format(&block.whole(path)?);
     }
     let json = TransformsFiles::find(path);
     let model = find_model(path).map(|found| found.folder);

@@ -22,6 +22,7 @@
 //!   points follow.
 
 mod assemble;
+mod block;
 mod candidates;
 mod checks;
 pub mod colmap;
@@ -64,6 +65,8 @@ use serde::{Deserialize, Serialize};
 use crate::IoError;
 use crate::image::Transfer;
 
+use assemble::BlockOf;
+pub use block::{BLOCK_FILE, Block, GroundRange, parse_block, sees};
 pub use described::{DatasetDescription, describe_dataset};
 pub use detect::detect_format;
 pub use files::composed;
@@ -256,8 +259,12 @@ pub fn load_dataset(path: &Path, options: &LoadOptions) -> Result<Dataset, IoErr
 /// # Errors
 /// Those of [`load_dataset`]; a limit below what reading takes; a cache that cannot be written.
 pub fn load_dataset_within(path: &Path, options: &LoadOptions, loading: &Loading<'_>) -> Result<Dataset, IoError> {
-    let source = read_source(path, options)?;
-    assemble::assemble(path, source, options, loading)
+    let Some(block) = Block::read(path)? else {
+        return assemble::assemble(path, read_source(path, options)?, None, options, loading);
+    };
+    let whole = block.whole(path)?;
+    let source = read_source(&whole, options)?;
+    assemble::assemble(&whole, source, Some(BlockOf { block: &block, folder: path }), options, loading)
 }
 
 /// Reads everything but pixels.

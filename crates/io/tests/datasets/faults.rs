@@ -172,6 +172,26 @@ proptest! {
     fn random_bytes_are_no_json_and_no_panic(bytes: Vec<u8>) {
         let _ = parse_transforms(Path::new("t"), &bytes);
         let _ = parse_split(Path::new("s"), &bytes);
+        let _ = parse_block(Path::new("b"), &bytes);
+    }
+
+    #[test]
+    fn damaged_blocks_do_not_panic(at in 0usize..1000, replacement in "[-0-9eE.,\\[\\]{}\":a-z]{0,4}") {
+        let block = luxel_io::Block {
+            dataset: "whole".into(),
+            views: vec!["images/000".to_owned()],
+            radiance_scale: 1.5,
+            axes: [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+            core: [[None, Some(0.5)], [None, None]],
+            reach: [[None, Some(0.7)], [None, None]],
+        };
+        let mut text = serde_json::to_string(&block).unwrap();
+        prop_assert_eq!(parse_block(Path::new("b"), text.as_bytes()).unwrap(), block);
+        let at = at % text.len();
+        text.replace_range(at..at + 1, &replacement);
+        if let Ok(found) = parse_block(Path::new("b"), text.as_bytes()) {
+            prop_assert!(found.radiance_scale > 0.0);
+        }
     }
 
     #[test]

@@ -15,7 +15,9 @@ use std::path::{Path, PathBuf};
 use common::TestScene;
 use glam::{DVec2, DVec3};
 use luxel_core::{BadPixels, ColorSpace, Dataset, Distortion};
-use luxel_io::{DatasetFormat, IoErrorKind, LoadOptions, Transfer, detect_format, load_dataset, parse_split, parse_transforms};
+use luxel_io::{
+    DatasetFormat, IoErrorKind, LoadOptions, Transfer, detect_format, load_dataset, parse_block, parse_split, parse_transforms,
+};
 use proptest::prelude::*;
 
 impl TestScene {

@@ -26,6 +26,7 @@ pub use self::format::Format;
 use self::refine::Refinement;
 pub use self::refine::{DEFAULT_REFINE_STEPS, write_with_refined_display};
 use self::world::placement;
+pub(crate) use self::world::up_of_cameras;
 pub use self::world::{FileScale, Up, UpAxis, file_from_world};
 use crate::error::{Context, bail};
 use crate::{Error, Observer, Remedy, Result, text};

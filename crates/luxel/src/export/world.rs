@@ -107,7 +107,7 @@ fn turn_to_up(up: Up, target: UpAxis, dataset: Option<&Dataset>, turned: &DMat3)
 }
 
 /// Returns the mean up direction of the cameras.
-fn up_of_cameras(dataset: &Dataset) -> Option<DVec3> {
+pub(crate) fn up_of_cameras(dataset: &Dataset) -> Option<DVec3> {
     let views = dataset.train.iter().chain(&dataset.test);
     let mean: DVec3 = views.map(|view| -view.camera.camera_from_world.matrix3.row(1)).sum();
     (mean.length() > 1e-6).then_some(mean)

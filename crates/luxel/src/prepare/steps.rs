@@ -21,7 +21,7 @@ use super::options::{Features, Mapper, Matching, MotionOptions};
 use super::pictures::{PictureGroup, Pictures};
 use super::world::FileFacts;
 use crate::files::write_text;
-use crate::text::plural;
+use crate::text::{plural, shell_word};
 use crate::{Error, Remedy, Result};
 
 /// Number of views up to which every pair is matched.
@@ -205,7 +205,7 @@ impl Colmap {
     /// Returns the commands as a script, to be run elsewhere: paths are relative to the data set,
     /// and options are those of the release that is installed there.
     pub(super) fn script(&self, steps: &[Step], folders: &Folders) -> String {
-        let program = quoted(&self.program.to_string_lossy());
+        let program = shell_word(&self.program.to_string_lossy());
         let mut out = String::from(
             "#!/bin/sh\n# Poses of the pictures in proxies/, by COLMAP, into work/sparse.\nset -e\ncd \"$(dirname \"$0\")\"\n",
         );
@@ -225,7 +225,7 @@ impl Colmap {
                 match path.to_string_lossy().as_ref() {
                     "--SiftExtraction.use_gpu" => "--$extraction.use_gpu".to_owned(),
                     "--SiftMatching.use_gpu" => "--$matching.use_gpu".to_owned(),
-                    other => quoted(other),
+                    other => shell_word(other),
                 }
             };
             let mut words: Vec<String> = step.arguments.iter().map(word).collect();
@@ -296,22 +296,4 @@ fn paths(command: &str, options: &[PathOption<'_>]) -> Vec<OsString> {
         out.extend([OsString::from(option.name), option.path.as_os_str().to_owned()]);
     }
     out
-}
-
-/// Returns a word quoted for a shell.
-fn quoted(word: &str) -> String {
-    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
-    if !word.is_empty() && word.chars().all(is_plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn words_are_quoted_for_a_shell() {
-        assert_eq!(quoted("a/b-c.db"), "a/b-c.db");
-        assert_eq!(quoted("my photos"), "'my photos'");
-        assert_eq!(quoted("it's"), "'it'\\''s'");
-    }
 }

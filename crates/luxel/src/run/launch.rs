@@ -12,6 +12,7 @@ use luxel_train::{RankViews, Trainer};
 
 use super::ranks::{keeps, tell_settings, tell_state, views_of};
 use super::{Outcome, RunConfig, RunFolder, RunLock, RunMemory, Session, state};
+use crate::blocks;
 use crate::error::{Context, bail};
 use crate::{Dataset, Error, ImageLimits, Observer, Result, Scene, SelectedEngine, StopFlag, text};
 
@@ -78,6 +79,8 @@ pub fn fresh_over(
     make_room: impl FnOnce(&CoreDataset) -> Result<RunLock>,
 ) -> Result<TrainedRun> {
     let SelectedEngine { mut engine, threads, machine, computed_by, gpu, .. } = selected;
+    let of_block = blocks::train_config(&config.dataset_path(launch.folder.root()), config.train.clone())?;
+    let config = RunConfig { train: of_block, ..config };
     config.validate().context("cannot start training")?;
     // Settings without a text form must not cost the run that is to be replaced.
     config.to_toml().with_context(|| format!("{}: config.toml cannot hold these settings", config.dataset.display()))?;

@@ -38,14 +38,18 @@ pub(super) fn escape(text: &str) -> String {
 }
 
 /// Returns the tables of results, activations and the paper.
-pub(super) fn document(matrix: &Matrix, tables: &Tables) -> String {
+pub(super) fn document(matrix: &Matrix, tables: &Tables, missing: &[String]) -> String {
     let iterations = matrix.cells.first().map_or(0, |cell| cell.config.train.iterations);
     let protocol = format!(
         "Test views, {iterations} iterations, {} seed(s). PSNR and SSIM under the mu-law by protocol: scene (one constant per scene), gtmax (maximum of the \
          ground truth), selfmax (each image's own maximum). Best bold, second best underlined.",
         matrix.seeds.len()
     );
-    let mut out = format!("% Made by luxel reproduce {}. Needs \\usepackage{{booktabs}}.\n\n", crate::VERSION);
+    let mut out = format!("% Made by luxel reproduce {}. Needs \\usepackage{{booktabs}}.\n", crate::VERSION);
+    for run in missing {
+        let _ = writeln!(out, "% Missing: {}", escape(run));
+    }
+    out.push('\n');
     if let Some(average) = &tables.average {
         out += &table(matrix, average, &format!("Mean of all data sets. {protocol}"), "mean-of-data-sets");
     }

@@ -63,9 +63,9 @@ pub(super) struct Cell {
     pub(super) place: PathBuf,
     pub(super) folder: RunFolder,
     pub(super) config: RunConfig,
-    /// Whether this call asks for it; otherwise an earlier one did, and it is reported if it is
-    /// finished.
-    is_asked: bool,
+    /// Place among the runs that this call asks for, from 0, in the order of its own lists; `None`
+    /// if an earlier call asked for it, and it is reported if it is finished.
+    pub(super) job: Option<usize>,
 }
 
 /// The cells of a study, and what they share.
@@ -115,11 +115,14 @@ impl Matrix {
                 (0..matrix.sources.len()).flat_map(|source| (0..matrix.methods.len()).map(move |method| (source, method)))
             {
                 let train = TrainConfig { seed, ..with_method(&options.train, matrix.methods[method]) };
-                let is_asked = asked.contains(&matrix.sources[source])
-                    && options.methods.contains(&matrix.methods[method])
-                    && options.seeds.contains(&seed);
+                let of_source = place_in(&asked, &matrix.sources[source]);
+                let of_method = place_in(&options.methods, &matrix.methods[method]);
+                let job = match (place_in(&options.seeds, &seed), of_source, of_method) {
+                    (Some(seed), Some(source), Some(method)) => Some((seed * asked.len() + source) * options.methods.len() + method),
+                    _ => None,
+                };
                 let cell = matrix.cell(options, [source, method], train)?;
-                matrix.cells.push(Cell { is_asked, ..cell });
+                matrix.cells.push(Cell { job, ..cell });
             }
         }
         Ok(matrix)
@@ -129,6 +132,7 @@ impl Matrix {
         let (dataset, model) = (&self.sources[source], self.methods[method]);
         let seed = train.seed;
         let place = Path::new(RUNS).join(&dataset.name).join(model.name()).join(format!("seed_{seed}"));
+        let train = crate::blocks::train_config(&dataset.path, train)?;
         train.validate().with_context(|| format!("method {}", model.name()))?;
         let config = RunConfig {
             luxel_version: crate::VERSION.into(),
@@ -147,7 +151,7 @@ impl Matrix {
             },
             train,
         };
-        Ok(Cell { source, method, seed, folder: RunFolder::at(&self.root.join(&place)), place, config, is_asked: true })
+        Ok(Cell { source, method, seed, folder: RunFolder::at(&self.root.join(&place)), place, config, job: None })
     }
 
     /// Returns the state of each cell, in order.
@@ -161,7 +165,7 @@ impl Matrix {
             if self.root.is_dir() {
                 luxel_io::check_within(&self.root, cell.folder.root())?;
             }
-            if cell.is_asked {
+            if cell.job.is_some() {
                 states.push(cell.state(&mut unfit, word)?);
                 continue;
             }
@@ -184,6 +188,12 @@ impl Matrix {
         Err(Error::new(message).with_remedy(Remedy::give("output")))
     }
 
+    /// Returns the names of the cells that are asked for and not finished.
+    pub(super) fn missing(&self, states: &[CellState]) -> Vec<String> {
+        let cells = self.cells.iter().zip(states).filter(|(cell, state)| cell.job.is_some() && **state != CellState::Finished);
+        cells.map(|(cell, _)| cell.name(self)).collect()
+    }
+
     /// Refuses a folder that holds something else.
     pub(super) fn check_root(&self) -> Result<()> {
         let root = self.root.display();
@@ -202,6 +212,7 @@ impl Matrix {
 
     /// Writes the file that marks the folder.
     pub(super) fn claim(&self) -> Result<()> {
+        std::fs::create_dir_all(&self.root).with_context(|| format!("{}: cannot create the output folder", self.root.display()))?;
         crate::files::write_text(&self.root.join(MARK), &format!("{HEAD}{}", self.toml()?))
     }
 
@@ -259,6 +270,11 @@ impl Cell {
             }
         }
     }
+}
+
+/// Returns where a value is in a list.
+fn place_in<T: PartialEq>(values: &[T], value: &T) -> Option<usize> {
+    values.iter().position(|other| other == value)
 }
 
 /// Returns the first value that occurs twice.

@@ -8,6 +8,7 @@ use luxel_io::LoadOptions;
 use luxel_metrics::FlipChoice;
 use luxel_train::TrainConfig;
 
+use super::share::StudyShare;
 use crate::DeviceOptions;
 use crate::run::Difference;
 
@@ -103,6 +104,8 @@ pub struct StudyOptions {
     pub lpips_weights: Option<PathBuf>,
     /// The program `luxel`, which trains each run in a process of its own.
     pub program: PathBuf,
+    /// The part of the runs that this call trains; `None` for all.
+    pub share: Option<StudyShare>,
     /// Words the difference between a stored run and a wanted one. Neutral by default.
     pub word_difference: fn(&Difference) -> String,
 }
@@ -128,6 +131,7 @@ impl StudyOptions {
             flip: FlipChoice::Skip,
             lpips_weights: None,
             program: program.into(),
+            share: None,
             word_difference: Difference::to_string,
         }
     }

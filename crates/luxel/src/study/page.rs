@@ -20,6 +20,8 @@ pub(super) struct Content<'a> {
     pub(super) matrix: &'a Matrix,
     pub(super) results: &'a [CellResult],
     pub(super) failures: &'a [Failure],
+    /// Names of runs that are asked for and not finished.
+    pub(super) missing: &'a [String],
     pub(super) tables: &'a Tables,
     /// Error by luminance.
     pub(super) profiles: &'a [MethodProfile],
@@ -55,6 +57,11 @@ fn notes(content: &Content<'_>) -> String {
     let mut notes: Vec<String> = Vec::new();
     for failure in content.failures {
         notes.push(format!("{} failed: {:#}", failure.run, failure.error));
+    }
+    let is_named = |run: &&String| content.failures.iter().all(|failure| failure.run != **run);
+    let missing: Vec<&str> = content.missing.iter().filter(is_named).map(String::as_str).collect();
+    if !missing.is_empty() {
+        notes.push(format!("{} missing: {}", text::plural(missing.len(), "run"), missing.join(", ")));
     }
     let mut versions: Vec<&str> = content.results.iter().map(|result| result.metrics.luxel_version.as_str()).collect();
     versions.sort_unstable();

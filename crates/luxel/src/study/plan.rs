@@ -43,8 +43,11 @@ pub fn plan(options: &StudyOptions, observer: &dyn Observer) -> Result<StudyPlan
     let matrix = Matrix::plan(options)?;
     matrix.check_root()?;
     let states = matrix.states(options.word_difference)?;
-    let cells = |wanted: CellState| matrix.cells.iter().zip(&states).filter(move |(_, state)| **state == wanted).map(|(cell, _)| cell);
-    let finished: Vec<CellResult> = cells(CellState::Finished).filter_map(|cell| CellResult::read(cell).ok()).collect();
+    let is_in_share = |cell: &Cell| options.share.is_none_or(|share| cell.job.is_some_and(|job| share.has(job)));
+    let in_state = |wanted: CellState| matrix.cells.iter().zip(&states).filter(move |(_, state)| **state == wanted).map(|(cell, _)| cell);
+    let cells = |wanted: CellState| in_state(wanted).filter(|cell| is_in_share(cell));
+    let finished: Vec<CellResult> = in_state(CellState::Finished).filter_map(|cell| CellResult::read(cell).ok()).collect();
+    let finished_in_share = cells(CellState::Finished).count();
     let (mut seconds, mut steps, mut is_from_finished_runs) = (0.0, 0, true);
     let mut timed: Vec<(usize, f64)> = Vec::new();
     for cell in cells(CellState::Open) {
@@ -65,8 +68,8 @@ pub fn plan(options: &StudyOptions, observer: &dyn Observer) -> Result<StudyPlan
     }
     let open = cells(CellState::Open).count();
     let jobs = matrix.jobs.min(open).max(1);
-    let runs = open + finished.len();
-    Ok(StudyPlan { runs, finished: finished.len(), open, steps, jobs, seconds: seconds / jobs as f64, is_from_finished_runs })
+    let runs = open + finished_in_share;
+    Ok(StudyPlan { runs, finished: finished_in_share, open, steps, jobs, seconds: seconds / jobs as f64, is_from_finished_runs })
 }
 
 /// Returns the mean seconds per step of some finished runs; `None` if there are none.

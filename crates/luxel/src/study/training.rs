@@ -1,6 +1,6 @@
 //! Training of all open cells, some side by side.
 //!
-//! In: the matrix and the states of its cells. Out: whether it was interrupted, and the cells that
+//! In: the matrix and its cells to train. Out: whether it was interrupted, and the cells that
 //! failed. The order of the runs and their number side by side change their times, but no result.
 //! Degenerate: nothing open, nothing started.
 
@@ -12,7 +12,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
 
 use super::Failure;
-use super::matrix::{Cell, CellState, Matrix};
+use super::matrix::{Cell, Matrix};
 use super::worker::{Ended, Worker, WorkerEvent};
 use crate::run::Outcome;
 use crate::run::log::LOG_EVERY;
@@ -36,15 +36,24 @@ struct Shared {
     stop: StopFlag,
 }
 
-/// Trains every open cell. A cell that fails does not stop the others.
+/// The runs to train, and what becomes of those that another process trains meanwhile.
+#[derive(Clone, Copy)]
+pub(super) struct Todo<'a> {
+    /// Indices of cells.
+    pub(super) open: &'a [usize],
+    /// Whether a run that another process works in is left to it; else it counts as failed.
+    pub(super) is_shared: bool,
+}
+
+/// Trains cells. A cell that fails does not stop the others.
 pub(super) fn train(
     matrix: &Matrix,
-    states: &[CellState],
+    todo: Todo<'_>,
     program: &Path,
     observer: &dyn Observer,
     stop: &StopFlag,
 ) -> Result<(Outcome, Vec<Failure>)> {
-    let open: Vec<usize> = (0..matrix.cells.len()).filter(|&i| states.get(i) == Some(&CellState::Open)).collect();
+    let Todo { open, is_shared } = todo;
     if open.is_empty() {
         return Ok((Outcome::Finished, Vec::new()));
     }
@@ -54,17 +63,23 @@ pub(super) fn train(
     let work = |sender: Sender<Message>| {
         while let Some(cell) = next(&shared) {
             let _ = sender.send(Message::Started(cell));
-            let ended = start(program, matrix, cell, &shared).and_then(|worker| {
-                worker.wait(|event| {
+            let is_elsewhere = || is_shared && matrix.cells[cell].folder.is_locked();
+            let train = || {
+                start(program, matrix, cell, &shared)?.wait(|event| {
                     // Sending fails only after the main thread has ended, which it does last.
                     let _ = sender.send(Message::FromWorker(cell, event));
                 })
-            });
+            };
+            let ended = match if is_elsewhere() { Ok(Ended::Elsewhere) } else { train() } {
+                // Another process took the folder just before.
+                Err(_) if is_elsewhere() => Ok(Ended::Elsewhere),
+                ended => ended,
+            };
             lock(&shared).inputs.retain(|(owner, _)| *owner != cell);
             let _ = sender.send(Message::Ended(cell, ended));
         }
     };
-    let mut progress = Progress::new(matrix, &open, observer);
+    let mut progress = Progress::new(matrix, open, observer);
     std::thread::scope(|scope| {
         for _ in 0..matrix.jobs.min(open.len()) {
             let (work, sender) = (&work, sender.clone());
@@ -181,6 +196,9 @@ impl<'a> Progress<'a> {
                 self.report_finished(cell);
             }
             Message::Ended(_, Ok(Ended::Interrupted)) => self.interrupted = true,
+            Message::Ended(cell, Ok(Ended::Elsewhere)) => {
+                self.observer.note(&format!("{}: another process trains it", self.name(cell)));
+            }
             Message::Ended(cell, Err(error)) => {
                 self.observer.warn(&format!("{}: {error:#}; the other runs continue", self.name(cell)));
                 self.failures.push(Failure { run: self.name(cell), error });

@@ -27,6 +27,8 @@ pub(super) enum Ended {
     Finished,
     /// A stop was requested; the state is saved.
     Interrupted,
+    /// Another process trains it.
+    Elsewhere,
 }
 
 /// An event that a child reports.

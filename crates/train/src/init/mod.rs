@@ -70,10 +70,11 @@ fn given_scale(config: &TrainConfig) -> Result<Option<RadianceScale>, TrainError
 }
 
 /// Returns the radiance of one normalised unit, from the images unless the options state it.
+/// `knots` are of the camera's response, where images are captured values.
 ///
 /// # Errors
 /// Those of [`initialise`].
-pub(crate) fn radiance_scale_of(dataset: &Dataset, config: &TrainConfig, knots: Option<Knots>) -> Result<RadianceScale, TrainError> {
+pub fn radiance_scale_of(dataset: &Dataset, config: &TrainConfig, knots: Option<Knots>) -> Result<RadianceScale, TrainError> {
     if let Some(given) = given_scale(config)? {
         return Ok(given);
     }
