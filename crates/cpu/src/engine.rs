@@ -16,7 +16,7 @@ use std::sync::Arc;
 
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
-use luxel_core::engine::{DensifyPlan, DensifyStats, Evaluations, Geometry, SparseGradients, StepConfig};
+use luxel_core::engine::{DeepImage, DensifyPlan, DensifyStats, Evaluations, Geometry, SparseGradients, StepConfig};
 use luxel_core::{Camera, Engine, EngineError, Image, Layers, Moments, PassTime, Remedy, RenderOptions, Splats, StepReport, View};
 
 use self::screens::SpareBuffers;
@@ -178,6 +178,11 @@ impl Engine for CpuEngine {
     fn render_layers(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Layers, EngineError> {
         let camera = checked_camera(camera, options, &mut self.lenses)?;
         Ok(self.pool.install(|| self.state.render_layers(&camera)))
+    }
+
+    fn render_deep(&mut self, camera: &Camera, options: &RenderOptions, most_samples: usize) -> Result<DeepImage, EngineError> {
+        let camera = checked_camera(camera, options, &mut self.lenses)?;
+        self.pool.install(|| self.state.render_deep(&camera, most_samples))
     }
 
     fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError> {

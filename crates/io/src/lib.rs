@@ -57,8 +57,9 @@ pub use error::{IoError, IoErrorKind};
 pub use gltf::{decode_glb, encode_glb, read_glb, write_glb};
 pub use image::{
     DecodedImage, ExrAttributes, ExrOptions, ExrSample, HALF_MAX, LightLevels, ReadOptions, SampleDepth, Transfer, decode_codes,
-    decode_image, downscale, downscale_masked, encode_exr, encode_jpeg, encode_png, encode_png_pq, holds_radiance, image_size,
-    pinhole_within, read_codes, read_exr_attributes, read_image, undistort, undistort_into, write_exr, write_png,
+    decode_image, downscale, downscale_masked, encode_deep_exr, encode_exr, encode_jpeg, encode_png, encode_png_pq, holds_radiance,
+    image_size, pinhole_within, read_codes, read_exr_attributes, read_image, undistort, undistort_into, write_deep_exr, write_exr,
+    write_png,
 };
 pub use luxel_core::photo::{Codes, Exif, IccProfile, PhotoInfo, PhotoKind, RawInfo, RawPixels};
 pub use memory::{available_memory, given_memory_limit, memory_limit, set_memory_limit, system_memory};

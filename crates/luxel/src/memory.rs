@@ -2,6 +2,7 @@
 //! may keep.
 
 use luxel_core::Remedy;
+use luxel_core::engine::DeepSample;
 
 use crate::{Error, Result};
 
@@ -21,6 +22,19 @@ pub fn check_render(size_px: [u32; 2], samples: u8) -> Result<()> {
     let pixels = u64::from(width) * u64::from(height);
     let bytes = pixels.saturating_mul(SAMPLE_BYTES * u64::from(samples) * u64::from(samples) + PIXEL_BYTES);
     check(&format!("rendering {width} x {height} pixels"), bytes, "render a smaller image")
+}
+
+/// Refuses a deep image whose samples could take more memory than reading a file may.
+///
+/// # Errors
+/// They could; with the numbers.
+pub fn check_deep(size_px: [u32; 2], most_samples: u16) -> Result<()> {
+    let [width, height] = size_px;
+    // While pixels are listed and encoded.
+    let sample_bytes = 2 * size_of::<DeepSample>() as u64;
+    let bytes = (u64::from(width) * u64::from(height)).saturating_mul(u64::from(most_samples) * sample_bytes + PIXEL_BYTES);
+    let work = format!("a deep image of {width} x {height} pixels with {most_samples} samples each");
+    check(&work, bytes, "render a smaller image, or one with fewer samples a pixel")
 }
 
 /// Refuses work that takes more memory than reading a file may; `work` names it, and `instead` what
@@ -72,6 +86,13 @@ mod tests {
         check_render([1920, 1080], 2).unwrap();
         let error = check_render([u32::MAX, u32::MAX], 1).unwrap_err();
         assert!(error.to_string().starts_with("rendering 4294967295 x 4294967295 pixels takes about"), "{error}");
+    }
+
+    #[test]
+    fn deep_images_beyond_the_memory_are_refused() {
+        check_deep([640, 480], 16).unwrap();
+        let error = check_deep([u32::MAX, 8], u16::MAX).unwrap_err();
+        assert!(error.to_string().starts_with("a deep image of 4294967295 x 8 pixels with 65535 samples each takes about"), "{error}");
     }
 
     #[test]

@@ -20,6 +20,8 @@ use crate::{Error, Result, text};
 pub const MADE_BY: &str = "luxel:made_by";
 /// Attribute of an OpenEXR file with the recipe of the preview beside it.
 pub const PREVIEW_MADE_BY: &str = "luxel:preview_made_by";
+/// Attribute of an OpenEXR file with the recipe of the deep image beside it.
+pub const DEEP_MADE_BY: &str = "luxel:deep_made_by";
 
 /// Attribute of an OpenEXR file with the exposure of the preview beside it, stops.
 pub const PREVIEW_EXPOSURE: &str = "luxel:preview_exposure_ev";

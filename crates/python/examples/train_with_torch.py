@@ -39,8 +39,9 @@ def ssim(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
 def main(path: str, output: str, steps: int, most: int) -> None:
     torch.manual_seed(0)
     dataset = luxel.Dataset.open(path)
-    # Luxel's start: splats at the points, or in the volume that the cameras see, with the colours of the images.
-    scene = luxel.Training(dataset, steps=steps, max_splats=most, device="cpu").scene()
+    # Luxel's start: splats at the points, or in the volume that the cameras see, with the colours of the images. The
+    # scene is to be rendered as `rasterization` renders it: cut-offs "parity" are gsplat's.
+    scene = luxel.Training(dataset, steps=steps, max_splats=most, device="cpu", cutoffs="parity").scene()
     sh, degree = torch.from_numpy(scene.sh), int(np.sqrt(scene.sh.shape[1])) - 1
     arrays = [scene.positions, scene.rotations, scene.log_scales, scene.opacity_logits, scene.raw_luminance]
     values = dict(zip(["means", "quats", "scales", "opacities", "luminance"], map(torch.from_numpy, arrays)))

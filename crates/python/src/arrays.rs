@@ -91,9 +91,22 @@ fn shaped<T: Element + Copy, const D: usize>(name: &str, value: &Bound<'_, PyAny
     Ok((array.to_vec().map_err(|error| invalid(format!("{name}: {error}")))?, shape))
 }
 
+/// Refuses arrays of 8 and 16 bits without a sign: such images are encoded, and mean no radiance as
+/// they are.
+fn refuse_codes(name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
+    let Some(dtype) = value.getattr_opt("dtype")? else { return Ok(()) };
+    let dtype = dtype.str()?.to_string();
+    if ["uint8", "uint16"].contains(&dtype.as_str()) {
+        let remedy = "read the file with luxel.read_image, or undo the image's transfer curve and scale";
+        return Err(invalid(format!("{name}: array of {dtype}, which are encoded values; expected linear radiance as floats: {remedy}")));
+    }
+    Ok(())
+}
+
 /// Returns an image of an array `[H,W,3]`.
 pub(crate) fn image_of(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Image> {
     const EXPECTED: &str = "[height, width, 3]";
+    refuse_codes(name, value)?;
     let (values, shape) = shaped::<f32, 3>(name, value, EXPECTED)?;
     let [height, width, 3] = shape else { return Err(invalid(format!("{name}: array of shape {shape:?}, expected {EXPECTED}"))) };
     let pixels = values.as_chunks::<3>().0.to_vec();

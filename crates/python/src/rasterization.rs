@@ -8,8 +8,8 @@ use std::sync::Arc;
 
 use bytemuck::Pod;
 use luxel_core::engine::{
-    AbsoluteMeans, ActivatedSplats, BlendGradient, BlendOptions, BlendedSplats, Channels, Differentiable, DirectionalColors,
-    EllipseGradient, MatrixCamera, PixelGradient, ProjectedSplats, ScreenEllipses, ShapeParameters,
+    AbsoluteMeans, ActivatedSplats, BlendGradient, BlendOptions, BlendedSplats, CameraMatrices, Channels, Differentiable,
+    DirectionalColors, EllipseGradient, MatrixCamera, PixelGradient, ProjectedSplats, ScreenEllipses, ShapeParameters,
 };
 use luxel_core::{ColorModel, EngineError};
 use luxel_cpu::CpuEngine;
@@ -294,8 +294,10 @@ impl PyProjection {
 
     /// Returns the gradients by means, quaternions, scales, covariances, opacities and viewmats
     /// from those by the projection's arrays, in their layout. Covariances are those in the world,
-    /// xx, xy, xz, yy, yz, zz; either they or quaternions and scales are None.
-    #[pyo3(signature = (means2d = None, covars2d = None, conics = None, depths = None, opacities = None, *, by_covariance = false))]
+    /// xx, xy, xz, yy, yz, zz; either they or quaternions and scales are None. That by viewmats is
+    /// None if it is not wanted.
+    #[pyo3(signature = (means2d = None, covars2d = None, conics = None, depths = None, opacities = None, *, by_covariance = false,
+        by_viewmats = true))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
     fn backward<'py>(
         &self,
@@ -306,6 +308,7 @@ impl PyProjection {
         depths: Option<Array<'py>>,
         opacities: Option<Array<'py>>,
         by_covariance: bool,
+        by_viewmats: bool,
     ) -> PyResult<[Option<OutArray<'py>>; 6]> {
         let means2d = means2d.as_ref().map(|array| rows::<2>("means2d", array)).transpose()?;
         let covars2d = covars2d.as_ref().map(|array| rows::<3>("covars2d", array)).transpose()?;
@@ -324,6 +327,7 @@ impl PyProjection {
             depth: all_depths.as_deref().or(depths),
             opacity: all_opacities.as_deref().or(opacities),
             shape: if by_covariance { ShapeParameters::Covariance } else { ShapeParameters::RotationAndScale },
+            cameras: if by_viewmats { CameraMatrices::Differentiate } else { CameraMatrices::Skip },
         };
         let found = py.detach(|| self.projected.backward(&gradient)).map_err(|error| raise(&error))?;
         let mut viewmats = Vec::new();
@@ -339,7 +343,7 @@ impl PyProjection {
             (!by_covariance).then(|| lent(py, &self.engine, found.scale.into_flattened(), &[n, 3])).transpose()?,
             by_covariance.then(|| lent(py, &self.engine, found.covariance.into_flattened(), &[n, 6])).transpose()?,
             Some(lent(py, &self.engine, found.opacity, &[n])?),
-            Some(shaped(py, viewmats, &[self.cameras, 4, 4])?),
+            by_viewmats.then(|| shaped(py, viewmats, &[self.cameras, 4, 4])).transpose()?,
         ])
     }
 }

@@ -67,6 +67,7 @@ def test_files_are_read_as_the_program_reads_them(tmp_path: Path) -> None:
         ({"images": []}, "cameras: 1, expected one for each of 0 images"),
         ({"images": [np.zeros((3, 4))]}, "images[0]: array of shape [3, 4], expected [height, width, 3]"),
         ({"images": [np.zeros((3, 4, 3))]}, "the image is 4 x 3, the camera expects 32 x 24"),
+        ({"images": [np.zeros((24, 32, 3), np.uint8)]}, "images[0]: array of uint8, which are encoded values"),
         ({"images": ["text"]}, "images[0]: not an array of numbers"),
         ({"masks": [np.ones((2, 2))]}, "masks[0]: array of shape [2, 2], expected [24, 32]"),
         ({"test": [4]}, "test: index 4, expected below 1"),

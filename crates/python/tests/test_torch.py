@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 import pytest
 
 torch = pytest.importorskip("torch")
@@ -298,6 +300,26 @@ def test_arguments_that_are_not_supported_are_refused():
         with pytest.raises(luxel.LuxelError) as raised:
             call(**changes)
         assert str(raised.value).startswith(message), str(raised.value)
+
+
+def test_sizes_may_be_any_whole_numbers():
+    start = scene(1)
+    expected = rasterization(**start, width=9, height=8, near_plane=0.5)[0]
+    found = rasterization(**start, width=np.int64(9), height=torch.tensor(8), near_plane=np.float32(0.5))[0]
+    assert torch.equal(found, expected)
+    for width in (0, 9.0, "9"):
+        with pytest.raises(luxel.LuxelError, match="width: expected a whole number"):
+            rasterization(**start, width=width, height=8)
+
+
+def test_gradients_are_the_same_with_and_without_one_by_the_camera():
+    found = []
+    for wanted in (False, True):
+        start = {name: v.requires_grad_(name != "Ks" and (wanted or name != "viewmats")) for name, v in scene(3).items()}
+        rasterization(**start, width=23, height=17)[0].sum().backward()
+        found.append([start[name].grad for name in ("means", "quats", "scales", "opacities", "colors")])
+        assert (start["viewmats"].grad is not None) == wanted
+    assert all(torch.equal(one, other) for one, other in zip(*found))
 
 
 def test_projection_and_harmonics_equal_those_of_gsplat():

@@ -90,6 +90,19 @@ pub(crate) struct RenderArgs {
     /// there is nothing.
     #[arg(long, help_heading = "Images")]
     pub(crate) depth: bool,
+    /// Also write deep/VIEW.exr, a deep image of the splats on black: samples R, G, B, A, Z and
+    /// ZBack, at most N a pixel, 1 to 1024 [without a value: 32]. Neighbours are merged;
+    /// composited, the samples give the image.
+    #[arg(
+        long,
+        value_name = "N",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "32",
+        value_parser = clap::value_parser!(u16).range(1..=1024),
+        help_heading = "Images"
+    )]
+    pub(crate) deep: Option<u16>,
     /// Also write a tone-mapped 8-bit preview VIEW.png with this curve.
     #[arg(long, value_enum, value_name = "CURVE", help_heading = "Images")]
     pub(crate) tonemap: Option<TonemapArg>,

@@ -1,5 +1,6 @@
 //! `luxel render`: images of a scene in the units of the data set, and a video of them.
 
+mod deep;
 mod shots;
 mod video;
 
@@ -17,6 +18,7 @@ use luxel_core::{Camera, ColorSpace, Conversion, Engine, Layers, RasterConfig, R
 use luxel_io::ExrOptions;
 use serde_json::json;
 
+use self::deep::DeepJob;
 use self::shots::{Shot, Shots};
 use crate::args::{DeviceArgs, EditText, RenderArgs};
 use crate::inputs::engine;
@@ -30,6 +32,7 @@ struct Job {
     camera: Camera,
     exr: PathBuf,
     png: Option<PathBuf>,
+    deep: Option<DeepJob>,
     /// Digest of what decides the image.
     made_by: String,
     /// Digest of what decides the preview.
@@ -89,8 +92,11 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     for job in &jobs {
         let layers =
             render(args, engine.as_mut(), &job.camera, &options).with_context(|| format!("cannot render {}", job.exr.display()))?;
-        too_bright += usize::from(write(args, scene, job, layers)?);
-        progress.add(&job.name, std::iter::once(&job.exr).chain(&job.png).cloned().collect());
+        let is_cut = deep::write(args, scene, job, engine.as_mut(), &options)
+            .with_context(|| format!("cannot render the deep image of {}", job.exr.display()))?;
+        too_bright += usize::from(write(args, scene, job, layers)? || is_cut);
+        let deep = job.deep.as_ref().map(|deep| &deep.path);
+        progress.add(&job.name, std::iter::once(&job.exr).chain(&job.png).chain(deep).cloned().collect());
     }
     if too_bright > 0 {
         console.warn(&format!(
@@ -136,21 +142,22 @@ fn unmade(jobs: &[Job], overwrite: bool) -> Result<Vec<&Job>> {
             Some(_) if image == FrameState::Missing => FrameState::Other,
             Some(_) => output::frame_state(&job.exr, output::PREVIEW_MADE_BY, &job.preview_made_by),
         };
-        if [image, preview] != [FrameState::Same; 2] {
+        let deep = job.deep.as_ref().map_or(FrameState::Same, |deep| deep.state(&job.exr, image));
+        if [image, preview, deep] != [FrameState::Same; 3] {
             unmade.push(job);
         }
-        let files = [(image, Some(&job.exr)), (preview, job.png.as_ref())];
+        let files = [(image, Some(&job.exr)), (preview, job.png.as_ref()), (deep, job.deep.as_ref().map(|deep| &deep.path))];
         others.extend(files.into_iter().filter(|(state, _)| *state == FrameState::Other).filter_map(|(_, path)| path.cloned()));
     }
     output::check_replaceable(&others, overwrite)?;
     Ok(unmade)
 }
 
-/// Returns the device: for coverage and depth, which only the CPU engine renders, `auto` means the
-/// CPU.
+/// Returns the device: for coverage, depth and deep images, which only the CPU engine renders,
+/// `auto` means the CPU.
 fn device(args: &RenderArgs) -> DeviceArgs {
     let mut device = args.input.device.clone();
-    if (args.alpha || args.depth) && device.device == Device::Auto {
+    if (args.alpha || args.depth || args.deep.is_some()) && device.device == Device::Auto {
         device.device = Device::Cpu;
     }
     device
@@ -159,6 +166,7 @@ fn device(args: &RenderArgs) -> DeviceArgs {
 /// Renders the image, with coverage and depth if they are asked for.
 fn render(args: &RenderArgs, engine: &mut dyn Engine, camera: &Camera, options: &RenderOptions) -> Result<Layers> {
     luxel::memory::check_render(camera.size_px, options.raster.samples)?;
+    args.deep.map_or(Ok(()), |most_samples| luxel::memory::check_deep(camera.size_px, most_samples))?;
     if args.alpha || args.depth {
         return Ok(engine.render_layers(camera, options)?);
     }
@@ -173,11 +181,13 @@ fn jobs(args: &RenderArgs, shots: Shots, recipe: &Recipe, console: &Console) -> 
     let stems = unique_stems(shots.iter().map(|shot| shot.name.as_str()));
     let job = |(shot, stem): (Shot, String)| {
         let of_frame = recipe.clone().with_camera(&shot.camera);
+        let exr = args.output.join(format!("{stem}.exr"));
         let preview = of_frame.clone().with("tonemap", format_args!("{:?}", args.tonemap)).with("exposure", args.exposure);
         Job {
             name: shot.name,
             camera: shot.camera,
-            exr: args.output.join(format!("{stem}.exr")),
+            deep: DeepJob::new(args, &exr, &of_frame),
+            exr,
             png: args.tonemap.map(|_| args.output.join(format!("{stem}.png"))),
             made_by: of_frame.digest(),
             preview_made_by: preview.digest(),
@@ -207,7 +217,10 @@ fn write(args: &RenderArgs, scene: &Scene, job: &Job, layers: Layers) -> Result<
             preview::write(png, &image, scene.color_space, Look { tonemap: tonemap.into(), exposure_ev: args.exposure })?;
         }
         // A preview of the image that is replaced would be out of date.
-        _ => remove_preview(&job.exr)?,
+        _ => remove_outdated(&job.exr, output::PREVIEW_MADE_BY, &job.exr.with_extension("png"))?,
+    }
+    if job.deep.is_none() {
+        remove_outdated(&job.exr, output::DEEP_MADE_BY, &deep::path_beside(&job.exr))?;
     }
     let unit = scene.world_from_local.scale() as f32;
     let color_space = color_space(args, scene);
@@ -219,12 +232,16 @@ fn write(args: &RenderArgs, scene: &Scene, job: &Job, layers: Layers) -> Result<
     if job.png.is_some() {
         attributes.push((output::PREVIEW_MADE_BY.to_owned(), job.preview_made_by.clone()));
     }
+    if let Some(deep) = &job.deep {
+        attributes.push((output::DEEP_MADE_BY.to_owned(), deep.made_by.clone()));
+    }
     let options = ExrOptions {
         sample: args.exr_type.sample(&image),
         color_space,
         attributes,
         numbers: vec![(RADIANCE_SCALE.into(), scene.radiance_scale.get()), (output::PREVIEW_EXPOSURE.into(), args.exposure)],
         camera: Some(scene.world_camera(&job.camera)),
+        frames_per_second: args.video.is_some().then_some(args.fps),
         alpha: args.alpha.then_some(alpha),
         depth: args.depth.then(|| depth.into_iter().map(|z| (z * unit).min(FAR_DEPTH)).collect()),
         ..ExrOptions::default()
@@ -233,12 +250,10 @@ fn write(args: &RenderArgs, scene: &Scene, job: &Job, layers: Layers) -> Result<
     Ok(out_of_range > 0)
 }
 
-/// Removes the preview beside an image that has a record of it.
-fn remove_preview(exr: &Path) -> Result<()> {
-    let has_preview =
-        exr.is_file() && luxel_io::read_exr_attributes(exr).is_ok_and(|found| found.texts.contains_key(output::PREVIEW_MADE_BY));
-    if has_preview {
-        files::remove_if_there(&exr.with_extension("png"))?;
+/// Removes the file beside an image that is replaced, if the image has a record of it.
+fn remove_outdated(exr: &Path, record: &str, beside: &Path) -> Result<()> {
+    if exr.is_file() && luxel_io::read_exr_attributes(exr).is_ok_and(|found| found.texts.contains_key(record)) {
+        files::remove_if_there(beside)?;
     }
     Ok(())
 }

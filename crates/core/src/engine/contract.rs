@@ -3,7 +3,9 @@
 //! In: splats, cameras, views and densification plans. Out: images, reports and splats. Images and
 //! radiance are in normalised units.
 
-use super::{DensifyPlan, DensifyStats, Evaluations, Geometry, Layers, PassTime, RenderOptions, SparseGradients, StepConfig, StepReport};
+use super::{
+    DeepImage, DensifyPlan, DensifyStats, Evaluations, Geometry, Layers, PassTime, RenderOptions, SparseGradients, StepConfig, StepReport,
+};
 use crate::edit::Contributions;
 use crate::{Camera, Image, Moments, Remedy, Splats, View};
 
@@ -101,6 +103,16 @@ pub trait Engine: Send {
     /// Those of [`Engine::render`]; [`EngineError::Invalid`] from an engine without depth.
     fn render_layers(&mut self, _camera: &Camera, _options: &RenderOptions) -> Result<Layers, EngineError> {
         Err(EngineError::invalid("this engine renders no depth and alpha").with_remedy(Remedy::set("device", "cpu")))
+    }
+
+    /// Lists what each pixel of the image that [`Engine::render`] makes is blended from, with at
+    /// most `most_samples` samples a pixel, at least 1. Radiance is in normalised units.
+    ///
+    /// # Errors
+    /// Those of [`Engine::render`]; [`EngineError::Invalid`] for several samples along a pixel's
+    /// side, for a mix of lights, and from an engine without deep images.
+    fn render_deep(&mut self, _camera: &Camera, _options: &RenderOptions, _most_samples: usize) -> Result<DeepImage, EngineError> {
+        Err(EngineError::invalid("this engine renders no deep images").with_remedy(Remedy::set("device", "cpu")))
     }
 
     /// Returns the contributions of each splat to the image that [`Engine::render`] makes, in total

@@ -135,6 +135,16 @@ pub enum ShapeParameters {
     Covariance,
 }
 
+/// Whether a backward pass computes the gradient by the cameras.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum CameraMatrices {
+    /// It does.
+    #[default]
+    Differentiate,
+    /// It does not, which saves time.
+    Skip,
+}
+
 /// The gradient by [`ScreenEllipses`]; absent parts are zero.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct EllipseGradient<'a> {
@@ -150,6 +160,8 @@ pub struct EllipseGradient<'a> {
     pub opacity: Option<&'a [f32]>,
     /// Parameters of the splats' shapes that the gradient is wanted by.
     pub shape: ShapeParameters,
+    /// Whether [`SplatGradient::camera_from_world`] is wanted.
+    pub cameras: CameraMatrices,
 }
 
 /// The gradient by [`ActivatedSplats`] and cameras.
@@ -166,7 +178,8 @@ pub struct SplatGradient {
     pub covariance: Vec<[f32; 6]>,
     /// `[N]`.
     pub opacity: Vec<f32>,
-    /// By [`MatrixCamera::camera_from_world`], each of the twelve numbers by itself, `[C]`.
+    /// By [`MatrixCamera::camera_from_world`], each of the twelve numbers by itself, `[C]`; empty
+    /// unless wanted.
     pub camera_from_world: Vec<[[f32; 4]; 3]>,
 }
 

@@ -6,6 +6,7 @@
 
 mod camera_gradient;
 mod contract;
+mod deep;
 mod densify;
 mod differentiable;
 mod dropout;
@@ -18,11 +19,12 @@ mod step;
 
 pub use camera_gradient::{CAMERA_SUMS, CameraGradient, CameraGradientChoice, CameraSums};
 pub use contract::{Engine, EngineError};
+pub use deep::{DeepImage, DeepSample, merge_samples};
 pub use densify::{DensifyPlan, DensifyStats, Geometry, PlanRow};
 pub use differentiable::{
-    AbsoluteMeans, ActivatedSplats, BlendGradient, BlendOptions, BlendedPixels, BlendedSplats, Channels, ColorGradient, Differentiable,
-    DirectionalColors, EllipseGradient, MatrixCamera, PixelGradient, ProjectedSplats, ScreenEllipses, ShapeParameters, SplatGradient,
-    check_len,
+    AbsoluteMeans, ActivatedSplats, BlendGradient, BlendOptions, BlendedPixels, BlendedSplats, CameraMatrices, Channels, ColorGradient,
+    Differentiable, DirectionalColors, EllipseGradient, MatrixCamera, PixelGradient, ProjectedSplats, ScreenEllipses, ShapeParameters,
+    SplatGradient, check_len,
 };
 pub use dropout::Dropout;
 pub use parameter_rows::ParameterRows;

@@ -2,13 +2,14 @@
 
 use std::sync::Arc;
 
-use fearless_simd::Simd;
+use fearless_simd::{Level, Simd};
 use luxel_core::engine::{AbsoluteMeans, BlendGradient, BlendedPixels, BlendedSplats, Channels, PixelGradient, check_len};
 use luxel_core::{EngineError, Real, each};
 use rayon::prelude::*;
 
 use super::screens::{BlendBuffers, GradientBuffers, ScreenView, Screens};
 use crate::lanes::{LANES, Lanes, V, with_simd};
+use crate::passes::bin::ScreenSplats;
 use crate::passes::blend::{self, EntrySums, blend_backward, blend_tiles, to_channels};
 use crate::passes::ellipse_backward::{EllipseGradient, moments_backward};
 use crate::passes::project::SQRT_HALF_LOG2_E;
@@ -16,7 +17,11 @@ use crate::passes::project_backward::BlockSums;
 use crate::passes::rasterize_backward::AbsoluteSums;
 use crate::passes::splat_channels::{FIRST, SplatChannels};
 use crate::passes::tile_records::{Recording, TileInputs};
+use crate::prefetch::fetch;
 use crate::view::ScreenCamera;
+
+/// Blocks of splats whose sums are gathered together.
+const CHUNK: usize = 8;
 
 /// Buffers with larger records are freed, bytes.
 const IDLE_BYTES: usize = 256 << 20;
@@ -33,6 +38,7 @@ pub(super) struct Blended {
 
 impl Drop for Blended {
     fn drop(&mut self) {
+        self.screens.shared.spare.numbers.give_back(std::mem::take(&mut self.channels));
         for mut buffers in self.views.drain(..) {
             if buffers.records.kept_bytes() <= IDLE_BYTES {
                 self.screens.shared.spare.blends.give_back(buffers);
@@ -48,8 +54,10 @@ impl Blended {
         let image = width * height;
         let numbers = &screens.shared.spare.numbers;
         let mut pixels = BlendedPixels { channels: numbers.take(views * image * channels.count), alpha: numbers.take(views * image) };
+        let mut copied: Vec<f32> = numbers.take(channels.values.len());
+        copied.copy_from_slice(channels.values);
         let mut blended = Self {
-            channels: channels.values.to_vec(),
+            channels: copied,
             count: channels.count,
             background: channels.background.unwrap_or_default().to_vec(),
             views: Vec::new(),
@@ -122,67 +130,123 @@ impl Blended {
 
     /// Gathers the sums of entries by splat.
     fn gather(&self, view: &ScreenView, camera: usize, entries: &EntrySums, collects_absolute: bool, out: &mut BlendGradient) {
-        let (count, more) = (self.screens.splats.count, self.count.saturating_sub(FIRST));
+        let count = self.screens.splats.count;
         let range = camera * count..(camera + 1) * count;
         let numbers = count * self.count;
         // Channels that cameras share have sums over them; every other number is written once.
         let is_shared = out.channels.len() == numbers;
         let is_first = !is_shared || camera == 0;
         let channels = if is_shared { &mut out.channels[..] } else { &mut out.channels[camera * numbers..][..numbers] };
+        let splats = CHUNK * LANES;
         let outs = (
-            out.mean_px[range.clone()].par_chunks_mut(LANES),
-            out.covariance_px2[range.clone()].par_chunks_mut(LANES),
-            out.opacity[range.clone()].par_chunks_mut(LANES),
-            out.absolute_mean_px[range].par_chunks_mut(LANES),
-            channels.par_chunks_mut(LANES * self.count),
+            out.mean_px[range.clone()].par_chunks_mut(splats),
+            out.covariance_px2[range.clone()].par_chunks_mut(splats),
+            out.opacity[range.clone()].par_chunks_mut(splats),
+            out.absolute_mean_px[range].par_chunks_mut(splats),
+            channels.par_chunks_mut(splats * self.count),
         );
-        let splats = view.splats();
-        outs.into_par_iter().enumerate().with_min_len(16).for_each(|(block, (mean_px, covariance_px2, opacity, absolute, channels))| {
-            let first = block * LANES;
-            let mut sums = BlockSums::ZERO;
+        let gather = Gather { level: self.screens.shared.level, splats: view.splats(), entries, count: self.count };
+        let chunks = outs.into_par_iter().enumerate().with_min_len(2);
+        chunks.for_each(|(chunk, (mean_px, covariance_px2, opacity, absolute_mean_px, channels))| {
             mean_px.fill([0.0; 2]);
             covariance_px2.fill([0.0; 3]);
             opacity.fill(0.0);
             if collects_absolute {
-                absolute.fill([0.0; 2]);
+                absolute_mean_px.fill([0.0; 2]);
             }
             if is_first {
                 channels.fill(0.0);
             }
-            with_simd!(self.screens.shared.level, simd => {
-                sums.gather_entries(simd, splats.bins, &entries.entries, first..first + opacity.len());
-                if sums.is_visible() {
-                    let footprints = &splats.footprints[first..first + LANES];
-                    let fields = V::transpose(each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => {
-                        V::load(simd, bytemuck::cast_ref(&footprints[lane]))
-                    }));
-                    let gradient = block_gradient(simd, &fields, &sums.by_field(simd));
-                    for lane in (0..opacity.len()).filter(|lane| sums.visible[*lane]) {
-                        let at = |row: usize| gradient[row].0[lane];
-                        mean_px[lane] = [at(0), at(1)];
-                        covariance_px2[lane] = [at(2), at(3), at(4)];
-                        opacity[lane] = at(5);
-                        if collects_absolute {
-                            absolute[lane] = [at(6), at(7)];
-                        }
-                        for (c, channel) in channels[lane * self.count..][..self.count.min(FIRST)].iter_mut().enumerate() {
-                            *channel += at(8 + c);
-                        }
-                    }
-                }
-            });
-            if more > 0 {
-                for (lane, numbers) in splats.bins.entries(first, opacity.len()).enumerate() {
-                    let out = &mut channels[lane * self.count + FIRST..][..more];
-                    for entry in numbers {
-                        out.iter_mut().zip(&entries.more[*entry as usize * more..]).for_each(|(sum, part)| *sum += part);
-                    }
-                }
-            }
+            let absolute_mean_px = collects_absolute.then_some(absolute_mean_px);
+            gather.chunk(chunk * splats, ChunkGradient { mean_px, covariance_px2, opacity, absolute_mean_px, channels });
         });
     }
 }
 
+/// The gradients of a chunk of splats.
+struct ChunkGradient<'a> {
+    mean_px: &'a mut [[f32; 2]],
+    covariance_px2: &'a mut [[f32; 3]],
+    opacity: &'a mut [f32],
+    /// If it is wanted.
+    absolute_mean_px: Option<&'a mut [[f32; 2]]>,
+    /// `[splats, K]`, to which gradients are added.
+    channels: &'a mut [f32],
+}
+
+/// The inputs of gathering.
+struct Gather<'a> {
+    level: Level,
+    splats: ScreenSplats<'a>,
+    entries: &'a EntrySums,
+    /// Channels of a splat.
+    count: usize,
+}
+
+impl Gather<'_> {
+    /// Gathers the splats of a chunk from `start` on.
+    fn chunk(&self, start: usize, mut out: ChunkGradient<'_>) {
+        let bins = self.splats.bins;
+        let end = start + out.opacity.len();
+        let blocks = || (start..end).step_by(LANES).map(|first| (first, LANES.min(end - first)));
+        fetch(&self.splats.footprints[start..end]);
+        // Gathered for the whole chunk at once: these loads come from scattered places, and do not
+        // wait for arithmetic in between.
+        let mut sums = [const { BlockSums::ZERO }; CHUNK];
+        with_simd!(self.level, simd => {
+            for (sums, (first, len)) in sums.iter_mut().zip(blocks()) {
+                sums.gather_entries(simd, bins, &self.entries.entries, first..first + len);
+            }
+        });
+        for (sums, (first, _)) in sums.iter().zip(blocks()).filter(|(sums, _)| sums.is_visible()) {
+            with_simd!(self.level, simd => {
+                let footprints = &self.splats.footprints[first..first + LANES];
+                let fields = V::transpose(each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => {
+                    V::load(simd, bytemuck::cast_ref(&footprints[lane]))
+                }));
+                let gradient = block_gradient(simd, &fields, &sums.by_field(simd));
+                self.store(&sums.visible, &gradient, first - start, &mut out);
+            });
+        }
+        self.add_more(start, &mut out);
+    }
+
+    /// Stores the gradients of a block's visible splats, of which the first is number `first` of
+    /// the chunk.
+    fn store(&self, visible: &[bool; LANES], gradient: &[Lanes; 11], first: usize, out: &mut ChunkGradient<'_>) {
+        for (lane, i) in (first..out.opacity.len()).enumerate().take(LANES).filter(|(lane, _)| visible[*lane]) {
+            let at = |row: usize| gradient[row].0[lane];
+            out.mean_px[i] = [at(0), at(1)];
+            out.covariance_px2[i] = [at(2), at(3), at(4)];
+            out.opacity[i] = at(5);
+            if let Some(absolute) = &mut out.absolute_mean_px {
+                absolute[i] = [at(6), at(7)];
+            }
+            for (c, channel) in out.channels[i * self.count..][..self.count.min(FIRST)].iter_mut().enumerate() {
+                *channel += at(8 + c);
+            }
+        }
+    }
+
+    /// Adds the gradients by channels beyond the first three of the splats from `start` on.
+    fn add_more(&self, start: usize, out: &mut ChunkGradient<'_>) {
+        let more = self.count.saturating_sub(FIRST);
+        if more == 0 {
+            return;
+        }
+        let (len, block) = (out.opacity.len(), LANES * self.count);
+        for (n, channels) in out.channels.chunks_mut(block).enumerate() {
+            let first = n * LANES;
+            let entries = self.splats.bins.entries(start + first, LANES.min(len - first));
+            for (entries, channels) in entries.zip(channels.chunks_mut(self.count)) {
+                for entry in entries {
+                    let parts = &self.entries.more[*entry as usize * more..];
+                    channels[FIRST..].iter_mut().zip(parts).for_each(|(sum, part)| *sum += part);
+                }
+            }
+        }
+    }
+}
 /// Returns the gradient by means, covariances, opacities, absolute means, and three channels, from
 /// the sums of a block and the fields of its footprints.
 #[inline(always)]

@@ -4,12 +4,13 @@
 //! A scene of one light is rendered once.
 
 use luxel_core::edit::Contributions;
-use luxel_core::engine::Evaluations;
-use luxel_core::{EngineError, Image, Layers};
+use luxel_core::engine::{DeepImage, Evaluations};
+use luxel_core::{EngineError, Image, Layers, Remedy};
 
 use super::state::{State, final_pixels};
 use crate::passes::bin::ScreenSplats;
 use crate::passes::contribute::contribute;
+use crate::passes::deep::deep;
 use crate::passes::evaluations::evaluations;
 use crate::passes::rasterize::{to_alpha, to_image};
 use crate::passes::samples::resolve;
@@ -64,6 +65,20 @@ impl State {
         let depth = |(pixel, alpha): (&[f32; 3], &f32)| if *alpha > 0.0 { pixel[0] / alpha } else { f32::INFINITY };
         let depth = blended.pixels.iter().zip(&alpha).map(depth).collect();
         Layers { image, alpha, depth }
+    }
+
+    /// Lists what each pixel is blended from.
+    pub(super) fn render_deep(&mut self, camera: &ScreenCamera, most_samples: usize) -> Result<DeepImage, EngineError> {
+        if self.parameters.layout.color_model.lights() > 1 {
+            let message = "the scene is a mix of lights, whose pixels are sums of several blended images: there is no deep image of it";
+            return Err(EngineError::invalid(message).with_remedy(Remedy::advice("render the scenes that were mixed")));
+        }
+        if camera.samples > 1 {
+            let message = format!("deep images have 1 sample along a pixel's side, found {}", camera.samples);
+            return Err(EngineError::invalid(message).with_remedy(Remedy::set("samples", "1")));
+        }
+        self.forward(camera, Recording::Lists);
+        Ok(deep(&self.tile_inputs(camera, Recording::Lists), &self.frame.records, most_samples))
     }
 
     /// Computes each splat's contributions. `mask` has the size of the image.

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use fearless_simd::Simd;
 use luxel_core::engine::{
-    ActivatedSplats, BlendOptions, BlendedPixels, BlendedSplats, Channels, EllipseGradient, MatrixCamera, ParameterRows, ProjectedSplats,
-    ScreenEllipses, ShapeParameters, SplatGradient, check_len,
+    ActivatedSplats, BlendOptions, BlendedPixels, BlendedSplats, CameraMatrices, Channels, EllipseGradient, MatrixCamera, ParameterRows,
+    ProjectedSplats, ScreenEllipses, ShapeParameters, SplatGradient, check_len,
 };
 use luxel_core::{EngineError, Remedy, each};
 use rayon::prelude::*;
@@ -14,7 +14,7 @@ use super::blended::Blended;
 use super::screens::{ScreenView, Screens, Shared, ViewBuffers};
 use crate::lanes::{LANES, Lanes, V, with_simd};
 use crate::passes::activated::{
-    ActivatedStore, EllipseLanes, EllipseRows, ROWS, SplatLanes, project_activated, project_activated_backward,
+    ActivatedStore, EllipseLanes, EllipseRows, ROWS, SplatLanes, WantedParts, fill_rows, project_activated, project_activated_backward,
 };
 use crate::passes::project::Footprint;
 use crate::view::ScreenCamera;
@@ -33,7 +33,7 @@ impl Projected {
         cameras: &[MatrixCamera],
         options: &BlendOptions,
     ) -> (ScreenEllipses, Self) {
-        let (store, count) = (ActivatedStore::new(splats), splats.len());
+        let (store, count) = (ActivatedStore::new(shared.level, splats), splats.len());
         let total = count * cameras.len();
         let numbers = &shared.spare.numbers;
         let mut ellipses = ScreenEllipses {
@@ -123,7 +123,7 @@ impl Screens {
             scale: numbers.take(count),
             covariance: numbers.take(count),
             opacity: numbers.take(count),
-            camera_from_world: vec![[[0.0; 4]; 3]; self.views.len()],
+            camera_from_world: Vec::new(),
         };
         let splats = CHUNK * LANES;
         let chunks = (
@@ -148,11 +148,10 @@ impl Screens {
                 numbers.give_back(std::mem::take(&mut out.scale).into_flattened());
             }
         }
-        for (camera, out) in out.camera_from_world.iter_mut().enumerate() {
-            let sums: [f64; 12] = std::array::from_fn(|n| by_camera.iter().map(|sums| sums[camera][n]).sum());
-            for (out, sum) in out.as_flattened_mut().iter_mut().zip(sums) {
-                *out = sum as f32;
-            }
+        if gradient.cameras == CameraMatrices::Differentiate {
+            let number = |camera: usize, n: usize| by_camera.iter().map(|sums| sums[camera][n]).sum::<f64>() as f32;
+            let map = |camera| std::array::from_fn(|row| std::array::from_fn(|column| number(camera, 4 * row + column)));
+            out.camera_from_world = (0..self.views.len()).map(map).collect();
         }
         out
     }
@@ -162,6 +161,7 @@ impl Screens {
     fn chunk_backward<S: Simd>(&self, simd: S, gradient: &EllipseGradient<'_>, chunk: usize, out: ChunkGradient<'_>) -> Vec<[f64; 12]> {
         let mut sums = vec![[0.0; 12]; self.views.len()];
         let count = self.splats.count;
+        let wanted = WantedParts { shape: gradient.shape, cameras: gradient.cameras };
         for n in 0..out.opacity.len().div_ceil(LANES) {
             let block = chunk * CHUNK + n;
             let (first, end) = (block * LANES, count.min((block + 1) * LANES));
@@ -173,11 +173,14 @@ impl Screens {
                 }
                 let lanes = ellipse_lanes(gradient, camera * count + first..camera * count + end);
                 let SplatLanes { rows, covariance, camera } =
-                    project_activated_backward(simd, &view.camera, &self.splats.blocks[block], visible, &lanes);
-                for (total, row) in total.iter_mut().chain(&mut by_covariance).zip(rows.into_iter().chain(covariance)) {
+                    project_activated_backward(simd, &view.camera, &self.splats.blocks[block], visible, &lanes, wanted);
+                for (total, row) in total.iter_mut().zip(rows) {
                     (V::load(simd, total) + row).store(total);
                 }
-                for (sum, row) in sums.iter_mut().zip(camera) {
+                for (total, row) in by_covariance.iter_mut().zip(covariance.into_iter().flatten()) {
+                    (V::load(simd, total) + row).store(total);
+                }
+                for (sum, row) in sums.iter_mut().zip(camera.into_iter().flatten()) {
                     *sum += row.lanes().iter().map(|v| f64::from(*v)).sum::<f64>();
                 }
             }
@@ -199,14 +202,12 @@ impl Screens {
 }
 
 /// Loads the gradient by the ellipses of a range, at most sixteen.
+#[inline(always)]
 fn ellipse_lanes(gradient: &EllipseGradient<'_>, range: std::ops::Range<usize>) -> EllipseLanes {
+    #[inline(always)]
     fn rows<const N: usize>(numbers: &[[f32; N]]) -> [Lanes; N] {
         let mut rows = [Lanes::ZERO; N];
-        for (lane, numbers) in numbers.iter().enumerate() {
-            for (row, number) in rows.iter_mut().zip(numbers) {
-                row.0[lane] = *number;
-            }
-        }
+        fill_rows(&mut rows, numbers);
         rows
     }
     let one = |numbers: Option<&[f32]>| {

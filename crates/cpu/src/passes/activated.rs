@@ -6,9 +6,9 @@
 //! projection and its gradient are those of training; only scales and opacities are read as they
 //! are. Degenerate: splats that are culled are zero on the screen, and have zero gradients.
 
-use fearless_simd::Simd;
 use fearless_simd::prelude::*;
-use luxel_core::engine::{ActivatedSplats, BlendOptions, ParameterRows, ScreenEllipses};
+use fearless_simd::{Level, Simd};
+use luxel_core::engine::{ActivatedSplats, BlendOptions, CameraMatrices, ParameterRows, ScreenEllipses, ShapeParameters};
 use luxel_core::{Real, each};
 use rayon::prelude::*;
 
@@ -17,7 +17,7 @@ use super::ellipse_backward::{ShapeGradient, compensation_backward, shape_backwa
 use super::encoding::Linear;
 use super::project::{Centered, Footprint, Projection, store_footprints};
 use super::project_backward::{finite, point_backward};
-use crate::lanes::{LANES, Lanes, V, dot};
+use crate::lanes::{LANES, Lanes, V, dot, with_simd};
 use crate::view::ScreenCamera;
 
 /// Rows of a splat: position 3, rotation 4, scale 3, opacity 1.
@@ -34,19 +34,37 @@ pub(crate) struct ActivatedStore {
 
 impl ActivatedStore {
     /// Copies splats into blocks.
-    pub(crate) fn new(splats: &ActivatedSplats<'_>) -> Self {
+    pub(crate) fn new(level: Level, splats: &ActivatedSplats<'_>) -> Self {
         let count = splats.len();
         let block = |block: usize| {
             let mut rows = [Lanes::ZERO; ROWS];
-            for (lane, i) in (block * LANES..count.min((block + 1) * LANES)).enumerate() {
-                let numbers = splats.position[i].iter().chain(&splats.rotation[i]).chain(&splats.scale[i]).chain([&splats.opacity[i]]);
-                for (row, number) in rows.iter_mut().zip(numbers) {
-                    row.0[lane] = *number;
-                }
-            }
+            let splat = block * LANES..count.min((block + 1) * LANES);
+            with_simd!(level, _simd => {
+                fill_rows(&mut rows[ParameterRows::POSITION..], &splats.position[splat.clone()]);
+                fill_rows(&mut rows[ParameterRows::ROTATION..], &splats.rotation[splat.clone()]);
+                fill_rows(&mut rows[ParameterRows::LOG_SCALE..], &splats.scale[splat.clone()]);
+            });
+            rows[ParameterRows::OPACITY].0[..splat.len()].copy_from_slice(&splats.opacity[splat]);
             rows
         };
         Self { count, blocks: (0..count.div_ceil(LANES)).into_par_iter().with_min_len(64).map(block).collect() }
+    }
+}
+
+/// Transposes the numbers of at most sixteen splats to the first rows.
+#[inline(always)]
+pub(crate) fn fill_rows<const N: usize>(rows: &mut [Lanes], numbers: &[[f32; N]]) {
+    if let Ok(numbers) = <&[[f32; N]; LANES]>::try_from(numbers) {
+        // Of fixed length: the compiler makes exchanges of vectors of it.
+        for (c, row) in rows.iter_mut().enumerate().take(N) {
+            row.0 = std::array::from_fn(|lane| numbers[lane][c]);
+        }
+        return;
+    }
+    for (c, row) in rows.iter_mut().enumerate().take(N) {
+        for (out, numbers) in row.0.iter_mut().zip(numbers) {
+            *out = numbers[c];
+        }
     }
 }
 
@@ -173,14 +191,21 @@ pub(crate) struct EllipseLanes {
     pub(crate) opacity: Lanes,
 }
 
+/// The parts of a gradient that are computed only where they are wanted.
+#[derive(Clone, Copy)]
+pub(crate) struct WantedParts {
+    pub(crate) shape: ShapeParameters,
+    pub(crate) cameras: CameraMatrices,
+}
+
 /// The gradient by a block's splats.
 pub(crate) struct SplatLanes<S: Simd> {
     /// In the order of the rows.
     pub(crate) rows: [V<S>; ROWS],
-    /// By the covariance in the world: xx, xy, xz, yy, yz, zz.
-    pub(crate) covariance: [V<S>; 6],
-    /// By each number of the camera's map, row by row.
-    pub(crate) camera: [V<S>; 12],
+    /// By the covariance in the world, if it is wanted: xx, xy, xz, yy, yz, zz.
+    pub(crate) covariance: Option<[V<S>; 6]>,
+    /// By each number of the camera's map, row by row, if it is wanted.
+    pub(crate) camera: Option<[V<S>; 12]>,
 }
 
 /// Differentiates a block for a camera, in which the splats of `visible` are not culled.
@@ -191,6 +216,7 @@ pub(crate) fn project_activated_backward<S: Simd>(
     rows: &[Lanes; ROWS],
     visible: u16,
     gradient: &EllipseLanes,
+    wanted: WantedParts,
 ) -> SplatLanes<S> {
     let c = |value: f32| V::splat(simd, value);
     let zero = c(0.0);
@@ -208,17 +234,41 @@ pub(crate) fn project_activated_backward<S: Simd>(
         compensation_backward(&p, d_opacity * p.opacity * p.compensation, &mut d_covariance);
     }
     let ShapeGradient { d_sigma, d_rotation, d_jacobian } = shape_backward(&p, d_covariance);
-    let by_world = world_covariance_backward(&p, d_covariance);
+    let covariance = (wanted.shape == ShapeParameters::Covariance).then(|| {
+        let by_world = world_covariance_backward(&p, d_covariance);
+        each!([0, 1, 2, 3, 4, 5] i => { let v = by_world[i]; V::select(mask, finite(v), zero) })
+    });
     let mut d_point = point_backward(simd, camera, &p, d_jacobian, d_mean).d_point;
     d_point[2] = d_point[2] + load(&gradient.depth);
     let d_position = each!([0, 1, 2] i => {
         let column = each!([0, 1, 2] row => c(camera.rotation[row][i]));
         dot(column, d_point)
     });
-    // point = rotation position + translation, and
-    // jacobian[i] = scale (rotation[i] - slope rotation[2]).
-    let inverse_z = c(1.0) / p.point[2];
-    let position = each!([0, 1, 2] i => load(&rows[ParameterRows::POSITION + i]));
+    let camera = (wanted.cameras == CameraMatrices::Differentiate).then(|| {
+        let by_map = camera_backward(simd, camera, rows, &p, d_point, d_jacobian);
+        each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11] i => { let v = by_map[i / 4][i % 4]; V::select(mask, finite(v), zero) })
+    });
+    let [d0, d1, d2] = d_position;
+    let [s0, s1, s2] = d_sigma;
+    let [w, x, y, z] = d_rotation;
+    let d_rows = [d0, d1, d2, w, x, y, z, s0, s1, s2, d_opacity * p.compensation];
+    let rows = each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10] i => { let v = d_rows[i]; V::select(mask, finite(v), zero) });
+    SplatLanes { rows, covariance, camera }
+}
+
+/// Returns the gradient by the camera's map, of which point = rotation position + translation, and
+/// jacobian[i] = scale (rotation[i] - slope rotation[2]).
+#[inline(always)]
+fn camera_backward<S: Simd>(
+    simd: S,
+    camera: &ScreenCamera,
+    rows: &[Lanes; ROWS],
+    p: &Projection<S>,
+    d_point: [V<S>; 3],
+    d_jacobian: [[V<S>; 3]; 2],
+) -> [[V<S>; 4]; 3] {
+    let inverse_z = V::splat(simd, 1.0) / p.point[2];
+    let position = each!([0, 1, 2] i => V::load(simd, &rows[ParameterRows::POSITION + i]));
     let mut d_camera = each!([0, 1, 2] row => {
         let d = d_point[row];
         [d * position[0], d * position[1], d * position[2], d]
@@ -231,17 +281,7 @@ pub(crate) fn project_activated_backward<S: Simd>(
             d_camera[2][k] = d_camera[2][k] - by_row * p.slope[i];
         }
     }
-    let [d0, d1, d2] = d_position;
-    let [s0, s1, s2] = d_sigma;
-    let [w, x, y, z] = d_rotation;
-    let d_rows = [d0, d1, d2, w, x, y, z, s0, s1, s2, d_opacity * p.compensation];
-    let [[a, b, cc, d], [e, f, g, h], [i, j, k, l]] = d_camera;
-    let d_camera = [a, b, cc, d, e, f, g, h, i, j, k, l];
-    SplatLanes {
-        rows: each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10] i => { let v = d_rows[i]; V::select(mask, finite(v), zero) }),
-        covariance: each!([0, 1, 2, 3, 4, 5] i => { let v = by_world[i]; V::select(mask, finite(v), zero) }),
-        camera: each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11] i => { let v = d_camera[i]; V::select(mask, finite(v), zero) }),
-    }
+    d_camera
 }
 
 /// Returns the gradient by the covariance in the world from that by the one on the screen G: with

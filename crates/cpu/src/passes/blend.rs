@@ -10,8 +10,10 @@ use rayon::prelude::*;
 
 use super::more_channels::BlendChannels;
 use super::more_channels_backward::DifferentiateChannels;
-use super::rasterize::{TilePixels, rasterize_more};
-use super::rasterize_backward::{AbsoluteSums, BlockGradient, TileBackward, block_in_image, differentiate_more, resize};
+use super::rasterize::{TilePixels, rasterize, rasterize_more};
+use super::rasterize_backward::{
+    AbsoluteSums, BlockGradient, TileBackward, block_in_image, differentiate_more, differentiate_tile, resize,
+};
 use super::sort::Tile;
 use super::splat_channels::{FIRST, SplatChannels};
 use super::sums::EntryGradient;
@@ -44,10 +46,14 @@ pub(crate) fn blend_tiles(inputs: &TileInputs<'_>, channels: &SplatChannels<'_>,
         let record = slot.record(of_thread, Recording::Changes);
         record.list.sort(level, camera, splats, index, buffers);
         channels.color_entries(splats.bins, index, &mut record.list);
-        channels.collect_more(splats.bins, index, &record.list.entries, colors);
         let tile = Tile { index, list: &record.list };
-        let mut more = BlendChannels { colors, background: &background, pixels: more, first: 0 };
-        rasterize_more(level, camera, tile, pixels, &mut record.changes, &mut more);
+        if width == 0 {
+            rasterize(level, camera, tile, pixels, Some(&mut record.changes));
+        } else {
+            channels.collect_more(splats.bins, index, &record.list.entries, colors);
+            let mut more = BlendChannels { colors, background: &background, pixels: more, first: 0 };
+            rasterize_more(level, camera, tile, pixels, &mut record.changes, &mut more);
+        }
         slot.keep(of_thread, shelf);
     });
 }
@@ -198,8 +204,12 @@ pub(crate) fn blend_backward(
         .collect();
     outs.into_par_iter().zip(tiles).enumerate().with_max_len(1).for_each(|(tile, ((out, more), pixels))| {
         out.fill(EntryGradient::default());
-        more.fill(0.0);
         let work = TileBackward::new(tile, across, pixels, &gradient.first, absolute);
+        if width == 0 && gradient.alpha.is_empty() {
+            records.read(inputs, tile, |record| differentiate_tile(inputs, record, &work, out));
+            return;
+        }
+        more.fill(0.0);
         let blocks: [usize; BLOCKS] = std::array::from_fn(|block| block_in_image(tile, block, across));
         records.read(inputs, tile, |record| {
             let mut colors = Vec::new();

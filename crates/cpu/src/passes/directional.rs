@@ -4,12 +4,15 @@
 //! positions and eyes. Sixteen splats are transposed to rows, on which core's formulas run.
 //! Degenerate: a splat at the eye is seen from no direction; its gradient is finite.
 
+use std::ops::Range;
+
 use fearless_simd::{Level, Simd};
 use luxel_core::engine::{ColorGradient, DirectionalColors};
-use luxel_core::{ColorBasis, Real, each};
+use luxel_core::{ColorBasis, ColorModel, Real, each};
 use rayon::prelude::*;
 
 use crate::lanes::{LANES, Lanes, V, dot, with_simd};
+use crate::prefetch::fetch;
 
 /// Blocks of splats per chunk.
 const CHUNK: usize = 8;
@@ -94,6 +97,23 @@ struct BlockRows {
     luminance: Vec<Lanes>,
 }
 
+/// A colour model, up to a degree.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Formula {
+    model: ColorModel,
+    active_degree: usize,
+}
+
+impl Formula {
+    /// The formula of 3D Gaussian splatting. Where it is a constant, its loops are unrolled.
+    const HARMONICS: Self = Self { model: ColorModel::Sh { degree: 3 }, active_degree: 3 };
+
+    /// Returns the formula of colours.
+    fn of(colors: &DirectionalColors<'_>) -> Self {
+        Self { model: colors.model, active_degree: colors.active_degree.min(colors.model.max_degree()) }
+    }
+}
+
 /// The places of a block's numbers.
 struct Layout {
     /// Numbers of a splat's harmonics, and how many of them are used.
@@ -118,6 +138,15 @@ impl Layout {
     fn rows(&self) -> BlockRows {
         let zeros = |width: usize| vec![Lanes::ZERO; row_count(width)];
         BlockRows { position: [Lanes::ZERO; LANES], sh: zeros(self.sh_width), luminance: zeros(self.luminance) }
+    }
+
+    /// Reads the harmonics of a chunk at once, unless none or few of them will be used.
+    fn fetch(&self, colors: &DirectionalColors<'_>, camera: usize, splats: Range<usize>) {
+        let count = colors.position.len();
+        let flags = camera * count + splats.start..camera * count + splats.end;
+        if self.sh_width > FEW_ROWS && colors.visible.is_none_or(|visible| visible[flags].contains(&true)) {
+            fetch(&colors.sh[self.sh_of(camera, count, splats.start)..][..splats.len() * self.sh_stride]);
+        }
     }
 
     /// Returns where the harmonics of a camera's splats begin.
@@ -146,13 +175,20 @@ impl BlockRows {
         }
     }
 
+    /// Returns the radiance towards an eye.
+    #[inline(always)]
+    fn radiance<S: Simd>(&self, simd: S, formula: Formula, eye: [f32; 3]) -> [V<S>; 3] {
+        let (basis, _) = self.basis(simd, formula, eye);
+        formula.model.radiance(&basis, |m, c| V::load(simd, &self.sh[3 * m + c]), |m| V::load(simd, &self.luminance[m]))
+    }
+
     /// Returns the basis at the direction from an eye, and the reciprocal of the distance.
     #[inline(always)]
-    fn basis<S: Simd>(&self, simd: S, colors: &DirectionalColors<'_>, eye: [f32; 3]) -> (ColorBasis<V<S>>, V<S>) {
+    fn basis<S: Simd>(&self, simd: S, formula: Formula, eye: [f32; 3]) -> (ColorBasis<V<S>>, V<S>) {
         let offset = each!([0, 1, 2] i => V::load(simd, &self.position[i]) - eye[i]);
         let inverse = V::splat(simd, 1.0) / dot(offset, offset).max(V::splat(simd, 1e-30)).sqrt();
         let direction = each!([0, 1, 2] i => { let v = offset[i]; v * inverse });
-        (ColorBasis::new(colors.active_degree.min(colors.model.max_degree()), direction), inverse)
+        (ColorBasis::new(formula.active_degree, direction), inverse)
     }
 }
 
@@ -172,11 +208,13 @@ pub(crate) fn directional_colors(level: Level, colors: &DirectionalColors<'_>, m
         return out;
     }
     for (camera, (out, eye)) in out.chunks_mut(count).zip(colors.eye).enumerate() {
-        out.par_chunks_mut(CHUNK * LANES).enumerate().for_each(|(chunk, out)| {
-            let mut rows = layout.rows();
+        let rows = || layout.rows();
+        out.par_chunks_mut(CHUNK * LANES).enumerate().for_each_init(rows, |rows, (chunk, out)| {
+            let start = chunk * CHUNK * LANES;
+            layout.fetch(colors, camera, start..start + out.len());
             with_simd!(level, simd => {
                 for (n, out) in out.chunks_mut(LANES).enumerate() {
-                    let first = (chunk * CHUNK + n) * LANES;
+                    let first = start + n * LANES;
                     let end = first + out.len();
                     let bits = visible_bits(colors, camera, first, end);
                     if bits == 0 {
@@ -184,9 +222,10 @@ pub(crate) fn directional_colors(level: Level, colors: &DirectionalColors<'_>, m
                         continue;
                     }
                     rows.load(simd, colors, &layout, camera, first, end);
-                    let (basis, _) = rows.basis(simd, colors, *eye);
-                    let (sh, luminance) = (&rows.sh, &rows.luminance);
-                    let radiance = colors.model.radiance(&basis, |m, c| V::load(simd, &sh[3 * m + c]), |m| V::load(simd, &luminance[m]));
+                    let radiance = match Formula::of(colors) {
+                        Formula::HARMONICS => rows.radiance(simd, Formula::HARMONICS, *eye),
+                        formula => rows.radiance(simd, formula, *eye),
+                    };
                     let radiance = each!([0, 1, 2] c => radiance[c].lanes());
                     for (lane, out) in out.iter_mut().enumerate() {
                         *out = if bits >> lane & 1 == 1 { each!([0, 1, 2] c => radiance[c][lane]) } else { [0.0; 3] };
@@ -235,7 +274,10 @@ pub(crate) fn directional_backward(
     let by_eye: Vec<Vec<[f64; 3]>> = chunks
         .into_par_iter()
         .enumerate()
-        .map(|(chunk, out)| with_simd!(level, simd => chunk_backward(simd, colors, &layout, gradient, chunk * splats, out)))
+        .map_init(
+            || [layout.rows(), layout.rows(), layout.rows()],
+            |rows, (chunk, out)| with_simd!(level, simd => chunk_backward(simd, colors, &layout, gradient, chunk * splats, rows, out)),
+        )
         .collect();
     for (camera, eye) in out.eye.iter_mut().enumerate() {
         *eye = each!([0, 1, 2] i => -by_eye.iter().map(|sums| sums[camera][i]).sum::<f64>() as f32);
@@ -252,14 +294,17 @@ fn chunk_backward<S: Simd>(
     layout: &Layout,
     gradient: &[[f32; 3]],
     start: usize,
+    [rows, d, buffer]: &mut [BlockRows; 3],
     mut out: ChunkGradient<'_>,
 ) -> Vec<[f64; 3]> {
     let count = colors.position.len();
-    let mut rows = layout.rows();
     let mut sums = vec![[0.0; 3]; colors.eye.len()];
-    let (mut d, mut buffer) = (layout.rows(), layout.rows());
-    for first in (start..start + out.position.len()).step_by(LANES) {
-        let end = (first + LANES).min(start + out.position.len());
+    let end = start + out.position.len();
+    (0..colors.eye.len()).for_each(|camera| layout.fetch(colors, camera, start..end));
+    // Stores wait for memory as loads do.
+    out.sh.iter().for_each(|sh| fetch(sh));
+    for first in (start..end).step_by(LANES) {
+        let end = (first + LANES).min(end);
         let place = first - start..end - start;
         d.clear();
         let mut is_first = true;
@@ -272,8 +317,11 @@ fn chunk_backward<S: Simd>(
                     let numbers = gradient[camera * count + first + lane];
                     each!([0, 1, 2] c => d_radiance[c].0[lane] = numbers[c]);
                 }
-                let out = if is_first { &mut d } else { &mut buffer };
-                let d_position = block_backward(simd, colors, &rows, *eye, &d_radiance, out);
+                let out = if is_first { &mut *d } else { &mut *buffer };
+                let d_position = match Formula::of(colors) {
+                    Formula::HARMONICS => block_backward(simd, Formula::HARMONICS, rows, *eye, &d_radiance, out),
+                    formula => block_backward(simd, formula, rows, *eye, &d_radiance, out),
+                };
                 if !is_first {
                     for (sum, part) in d.sh.iter_mut().zip(&buffer.sh).chain(d.luminance.iter_mut().zip(&buffer.luminance)) {
                         (V::load(simd, sum) + V::load(simd, part)).store(sum);
@@ -312,17 +360,17 @@ fn chunk_backward<S: Simd>(
 #[inline(always)]
 fn block_backward<S: Simd>(
     simd: S,
-    colors: &DirectionalColors<'_>,
+    formula: Formula,
     rows: &BlockRows,
     eye: [f32; 3],
     d_radiance: &[Lanes; 3],
     out: &mut BlockRows,
 ) -> [V<S>; 3] {
-    let (basis, inverse) = rows.basis(simd, colors, eye);
+    let (basis, inverse) = rows.basis(simd, formula, eye);
     let d_radiance = each!([0, 1, 2] c => { let d = &d_radiance[c]; V::load(simd, d) });
     let (sh, luminance) = (&rows.sh, &rows.luminance);
     let (sh_out, luminance_out) = (&mut out.sh, &mut out.luminance);
-    let d_direction = colors.model.backward(
+    let d_direction = formula.model.backward(
         &basis,
         |m, c| V::load(simd, &sh[3 * m + c]),
         |m| V::load(simd, &luminance[m]),

@@ -22,6 +22,7 @@ pub(crate) mod changes;
 pub(crate) mod color;
 pub(crate) mod color_backward;
 pub(crate) mod contribute;
+pub(crate) mod deep;
 pub(crate) mod densify;
 pub(crate) mod directional;
 pub(crate) mod dropout;

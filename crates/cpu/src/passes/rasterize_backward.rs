@@ -115,7 +115,7 @@ pub(crate) fn block_in_image(tile: usize, block: usize, across: usize) -> usize 
 }
 
 /// Differentiates a tile.
-fn differentiate_tile(inputs: &TileInputs<'_>, record: &TileRecord, work: &TileBackward<'_>, out: &mut [EntryGradient]) {
+pub(crate) fn differentiate_tile(inputs: &TileInputs<'_>, record: &TileRecord, work: &TileBackward<'_>, out: &mut [EntryGradient]) {
     let camera = inputs.camera;
     with_simd!(inputs.level, simd => match (work.absolute, &camera.rays) {
         (AbsoluteSums::Skip, None) => blocks_backward::<_, Centers<_>, _, false>(simd, camera, record, work, out, &mut NoMore),

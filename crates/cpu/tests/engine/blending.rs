@@ -1,8 +1,8 @@
 //! Differentiable blending, compared with the reference in f64.
 
 use luxel_core::engine::{
-    AbsoluteMeans, ActivatedSplats, BlendOptions, Channels, Differentiable, DirectionalColors, EllipseGradient, MatrixCamera,
-    PixelGradient, ScreenEllipses, ShapeParameters,
+    AbsoluteMeans, ActivatedSplats, BlendOptions, CameraMatrices, Channels, Differentiable, DirectionalColors, EllipseGradient,
+    MatrixCamera, PixelGradient, ScreenEllipses, ShapeParameters, SplatGradient,
 };
 use luxel_core::{Activation, ColorBasis, ColorModel};
 use luxel_cpu::CpuEngine;
@@ -262,6 +262,7 @@ fn check(scene: &Scene, seed: u64) {
         depth: Some(&weights.depth),
         opacity: Some(&sum(&by_blend.opacity, &weights.opacity)),
         shape: ShapeParameters::RotationAndScale,
+        cameras: CameraMatrices::Differentiate,
     };
     let by_covariance = projected.backward(&EllipseGradient { shape: ShapeParameters::Covariance, ..by_ellipses }).unwrap();
     assert!(by_covariance.rotation.is_empty() && by_covariance.scale.is_empty());
@@ -273,6 +274,8 @@ fn check(scene: &Scene, seed: u64) {
     assert_near("rotation", found.rotation.as_flattened(), &derivatives(&exact, &inputs.rotation), TOLERANCE);
     assert_near("scale", found.scale.as_flattened(), &derivatives(&exact, &inputs.scale), TOLERANCE);
     assert_near("opacity", &found.opacity, &inputs.opacity.iter().map(|v| exact.by(*v)).collect::<Vec<_>>(), TOLERANCE);
+    let without_cameras = projected.backward(&EllipseGradient { cameras: CameraMatrices::Skip, ..by_ellipses }).unwrap();
+    assert_eq!(without_cameras, SplatGradient { camera_from_world: Vec::new(), ..found.clone() });
     let cameras = inputs.camera_from_world.as_flattened();
     assert_near("camera", found.camera_from_world.as_flattened().as_flattened(), &derivatives(&exact, cameras), TOLERANCE);
 }

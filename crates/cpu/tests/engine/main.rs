@@ -11,6 +11,7 @@ mod blending;
 mod camera;
 mod contract;
 mod curves;
+mod deep;
 mod dropout;
 mod edits;
 mod fixture;

@@ -16,6 +16,7 @@ pub(crate) mod colorimetry;
 mod dpx;
 mod exr_attributes;
 mod exr_blocks;
+mod exr_deep;
 mod exr_header;
 mod exr_layers;
 pub(crate) mod guard;
@@ -42,6 +43,7 @@ use crate::IoError;
 use crate::read_file::{open_regular, read_file};
 
 pub use exr_attributes::{ExrAttributes, read_exr_attributes};
+pub use exr_deep::{encode_deep_exr, write_deep_exr};
 pub use png_pq::{LightLevels, encode_png_pq};
 pub use resample::{downscale, downscale_masked, pinhole_within, undistort, undistort_into};
 pub(crate) use straighten::{lost_field, straighten};

@@ -55,8 +55,11 @@ pub struct ExrOptions {
     /// Further attributes that are numbers: name and value.
     pub numbers: Vec<(String, f32)>,
     /// Camera of the image: `worldToCamera` (axes right, up, back), the lens in `luxel:focal_px`
-    /// and `luxel:center_px`, and `worldToNDC` if it is a pinhole, else `luxel:projection`.
+    /// and `luxel:center_px`, `worldToNDC` and the screen window if it is a pinhole, else
+    /// `luxel:projection`.
     pub camera: Option<Camera>,
+    /// Frame rate of a sequence that the image is part of: `framesPerSecond`.
+    pub frames_per_second: Option<u32>,
     /// Projection of an image that is a map of directions.
     pub environment: Option<Projection>,
     /// Channel A, `[H*W]`: linear opacity; colours should be premultiplied by it.
@@ -144,7 +147,7 @@ fn out_of_range(image: &Image, sample: ExrSample) -> usize {
 }
 
 /// Returns everything but the pixels.
-fn attributes(name: &Path, options: &ExrOptions) -> Result<LayerAttributes, IoError> {
+pub(super) fn attributes(name: &Path, options: &ExrOptions) -> Result<LayerAttributes, IoError> {
     let mut attributes = LayerAttributes { software_name: Some(Text::from("Luxel")), ..LayerAttributes::default() };
     let wrong = || IoError::invalid(name, "attribute names need 1 to 255 bytes, names and values Latin letters");
     let key = |key: &str| Text::new_or_none(key).filter(|_| !key.is_empty() && key.len() <= 255).ok_or_else(wrong);
@@ -154,6 +157,7 @@ fn attributes(name: &Path, options: &ExrOptions) -> Result<LayerAttributes, IoEr
     for (name, value) in &options.numbers {
         attributes.other.insert(key(name)?, AttributeValue::F32(*value));
     }
+    attributes.frames_per_second = options.frames_per_second.and_then(|rate| Some((i32::try_from(rate).ok()?, 1)));
     attributes.environment_map = options.environment.map(|projection| match projection {
         Projection::LatitudeLongitude => EnvironmentMap::LatitudeLongitude,
         Projection::Cube => EnvironmentMap::Cube,
@@ -165,6 +169,8 @@ fn attributes(name: &Path, options: &ExrOptions) -> Result<LayerAttributes, IoEr
         }
         if camera.projection.is_pinhole() {
             attributes.world_to_normalized_device = Some(world_to_ndc(camera));
+            let ScreenWindow { center, width } = ScreenWindow::new(camera);
+            (attributes.screen_window_center, attributes.screen_window_width) = (center, width);
         } else {
             let name = Text::new_or_none(camera.projection.name()).ok_or_else(wrong)?;
             attributes.other.insert(key("luxel:projection")?, AttributeValue::Text(name));
@@ -196,12 +202,26 @@ fn world_to_ndc(camera: &Camera) -> [f32; 16] {
     (lens * DMat4::from(camera.camera_from_world)).to_cols_array().map(|v| v as f32)
 }
 
+/// The part of the plane at distance 1 from a pinhole that the image shows; y points up.
+struct ScreenWindow {
+    center: Vec2<f32>,
+    width: f32,
+}
+
+impl ScreenWindow {
+    fn new(camera: &Camera) -> Self {
+        let size_px = DVec2::from_array(camera.size_px.map(f64::from));
+        let center = (0.5 * size_px - camera.center_px) / camera.focal_px;
+        Self { center: Vec2(center.x as f32, -center.y as f32), width: (size_px.x / camera.focal_px.x) as f32 }
+    }
+}
+
 /// Pixels from which on compression is worth a pool of threads.
 const PARALLEL_PIXELS: usize = 1 << 20;
 
 /// Returns the nearest half; values out of range become the largest one, so that no infinity
 /// comes about.
-fn to_half(value: f32) -> f16 {
+pub(super) fn to_half(value: f32) -> f16 {
     f16::from_f32(if value.is_nan() { value } else { value.clamp(-HALF_MAX, HALF_MAX) })
 }
 

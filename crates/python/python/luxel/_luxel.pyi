@@ -392,6 +392,7 @@ class Projection:
         opacities: _F32 | None = None,
         *,
         by_covariance: bool = False,
+        by_viewmats: bool = True,
     ) -> list[_F32 | None]: ...
 
 class Blending:

@@ -94,7 +94,8 @@ class Project(torch.autograd.Function):
         if all(gradient is None for gradient in gradients[: len(_PARTS)]):
             return (None,) * 10
         by_parts = (array_or_none(gradient) for gradient in gradients[: len(_PARTS)])
-        found = ctx.projection.backward(*by_parts, by_covariance=ctx.by_covariance)
+        # Inputs are means, quats, scales, covars, opacities and viewmats.
+        found = ctx.projection.backward(*by_parts, by_covariance=ctx.by_covariance, by_viewmats=ctx.needs_input_grad[5])
         means, quats, scales, covars, *rest = (None if numbers is None else torch.from_numpy(numbers) for numbers in found)
         if ctx.seen is not None:
             ids = torch.unique(ctx.seen)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import numbers
+import operator
 from typing import Any
 
 import torch
@@ -32,15 +34,20 @@ def _check_colors(colors: Any, batch: tuple[int, ...], n: int, c: int, sh_degree
 
 
 def _check_number(name: str, value: Any, least: float) -> float:
-    if not isinstance(value, (int, float)) or not value >= least:
+    if not isinstance(value, numbers.Real) or not float(value) >= least:
         raise LuxelError(f"{name}: expected a number of at least {least}, found {value!r}")
     return float(value)
 
 
 def _check_size(name: str, value: Any) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-        raise LuxelError(f"{name}: expected a whole number of at least 1, found {value!r}")
-    return value
+    try:
+        # NumPy's and torch's whole numbers too.
+        size = operator.index(value)
+    except TypeError:
+        raise LuxelError(f"{name}: expected a whole number, found {value!r}") from None
+    if size < 1:
+        raise LuxelError(f"{name}: expected a whole number of at least 1, found {size}")
+    return size
 
 
 def rasterization(
