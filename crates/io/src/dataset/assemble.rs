@@ -26,6 +26,9 @@ const MAX_LISTED: usize = 3;
 
 pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions, loading: &Loading<'_>) -> Result<Dataset, IoError> {
     let DatasetSource { format, folder, mut frames, split, points, points_from, mut warnings, .. } = source;
+    if options.supervision == Supervision::Both {
+        frames = recordings::pair(path, frames)?;
+    }
     if frames.is_empty() {
         return Err(IoError::invalid(path, "no images, expected at least one"));
     }
@@ -53,29 +56,49 @@ pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions
         warnings.push("no test views: no image is held out to measure quality with".to_owned());
     }
 
-    let mut used = Vec::new();
+    if options.supervision == Supervision::Both {
+        recordings::check_pairs(train.iter().map(|i| sorted[*i]))?;
+    }
+    let (mut used, mut captured) = (Vec::new(), Vec::new());
     for (part, indices) in [(Part::Train, train), (Part::Test, test)] {
-        let expanded = indices.into_iter().flat_map(|i| {
-            let frames = recordings::expanded(sorted[i], part == Part::Test).into_iter();
-            let source = order[i];
-            frames.map(move |frame| SelectedFrame { frame: SourceFrame { part: Some(part), ..frame }, source, part })
-        });
-        let mut views: Vec<SelectedFrame> = expanded.collect();
-        if options.supervision == Supervision::Ldr && part == Part::Train {
-            views = recordings::choose(views, |used| &used.frame, &options.exposures);
-            if views.is_empty() {
-                return Err(IoError::invalid(path, format!("no bracket has exposures {}, counted from 0", options.exposures)));
+        let is_pairs = options.supervision == Supervision::Both;
+        let selected = |role: Role, indices: &[usize]| -> Vec<SelectedFrame> {
+            let expand = |i: &usize| {
+                let source = order[*i];
+                let frames = match role {
+                    Role::Train | Role::Test if is_pairs => vec![sorted[*i].clone()],
+                    _ => recordings::expanded(sorted[*i], part == Part::Test),
+                };
+                frames.into_iter().map(move |frame| SelectedFrame { frame: SourceFrame { part: Some(part), ..frame }, source, role })
+            };
+            indices.iter().flat_map(expand).collect()
+        };
+        let chosen = |views: Vec<SelectedFrame>| {
+            let views = recordings::choose(views, |used| &used.frame, &options.exposures);
+            match views.is_empty() {
+                true => Err(IoError::invalid(path, format!("no bracket has exposures {}, counted from 0", options.exposures))),
+                false => Ok(views),
             }
+        };
+        let mut views = selected(if part == Part::Train { Role::Train } else { Role::Test }, &indices);
+        if options.supervision == Supervision::Ldr && part == Part::Train {
+            views = chosen(views)?;
+        }
+        if is_pairs && part == Part::Train {
+            captured = chosen(selected(Role::Recording, &indices))?;
+            captured.sort_by(|a, b| a.frame.name.cmp(&b.frame.name));
         }
         views.sort_by(|a, b| a.frame.name.cmp(&b.frame.name));
         used.extend(views);
     }
+    // Behind the views, so that those are numbered as without them.
+    used.extend(captured);
     warnings.extend(masks::attach(&folder, used.iter_mut().map(|used| &mut used.frame), &options.masks)?);
     let (loaded, readers) = load_views(path, &used, options, loading)?;
     warnings.extend(grouped_warnings(&loaded));
 
     let mut targets: Vec<Vec<ObservedView<'_>>> = frames.iter().map(|_| Vec::new()).collect();
-    for (index, (used, l)) in (0u32..).zip(used.iter().zip(&loaded)).filter(|(_, (used, _))| used.part == Part::Train) {
+    for (index, (used, l)) in (0u32..).zip(used.iter().zip(&loaded)).filter(|(_, (used, _))| used.role == Role::Train) {
         let foreign_lens = used.frame.intrinsics.foreign_lens.map(|lens| lens.prepared());
         targets[used.source].push(ObservedView { index, photographed: &l.photographed, foreign_lens, view: &l.view });
     }
@@ -89,9 +112,17 @@ pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions
 
     let mut bad_pixels: Vec<_> = loaded.iter().filter_map(|l| l.bad.clone()).collect();
     bad_pixels.sort_by(|a, b| a.name.cmp(&b.name));
-    let train_count = used.iter().filter(|used| used.part == Part::Train).count();
+    let count = |role| used.iter().filter(|used| used.role == role).count();
+    let (train_count, test_count) = (count(Role::Train), count(Role::Test));
     let mut train: Vec<View> = loaded.into_iter().map(|l| l.view).collect();
+    let mut captured = train.split_off(train_count + test_count);
     let test = train.split_off(train_count);
+    for (recording, of) in captured.drain(..).zip(used.iter().skip(train_count + test_count)) {
+        if let Some(at) = used.iter().take(train_count).position(|view| view.source == of.source) {
+            train[at].recordings.push(recording);
+        }
+    }
+    train.iter().try_for_each(View::validate).map_err(|error| IoError::invalid(path, error))?;
     warnings.extend(PointCoverage::new(&points, &train).warning(&points_from));
     let metres_per_unit = metres_per_unit(path, &folder)?;
     Ok(Dataset { format, train, test, points, color_space, bad_pixels, fingerprint, warnings, world_from_local, metres_per_unit, readers })
@@ -106,7 +137,11 @@ fn fingerprint(
     world_from_local: &Similarity,
 ) -> String {
     for (used, l) in used.iter().zip(loaded) {
-        begun.text(if used.part == Part::Train { "train" } else { "test" });
+        begun.text(match used.role {
+            Role::Train => "train",
+            Role::Test => "test",
+            Role::Recording => "recording",
+        });
         begun.view(&l.view, &l.digest);
         begun.foreign_lens(used.frame.intrinsics.foreign_lens);
     }
@@ -127,12 +162,29 @@ fn eye(camera_from_world: &DAffine3) -> DVec3 {
     -(camera_from_world.matrix3.transpose() * camera_from_world.translation)
 }
 
+/// What a view is read for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Role {
+    Train,
+    Test,
+    /// A captured image beside the radiance of a training pose.
+    Recording,
+}
+
 /// A view to be read.
 struct SelectedFrame {
     frame: SourceFrame,
     /// Index into the source's frames.
     source: usize,
-    part: Part,
+    role: Role,
+}
+
+impl SelectedFrame {
+    /// Returns the options that it is read with: beside radiance, captured images alone are read as
+    /// such.
+    fn options<'o>(&self, given: &'o LoadOptions, captured: &'o LoadOptions) -> &'o LoadOptions {
+        if self.role == Role::Recording { captured } else { given }
+    }
 }
 
 /// Returns the views in the order of `used`, with their pixels in memory if all have room there,
@@ -155,7 +207,7 @@ fn load_views(
         Some(PlannedImage {
             size_px: image_size(&used.frame.image).ok()?,
             has_weights: mask.is_some() || !lens.distortion.is_none() || !lens.projection.is_pinhole(),
-            is_train: used.part == Part::Train,
+            is_train: used.role != Role::Test,
         })
     });
     let plan = plan(path, sizes, options.downscale, loading);
@@ -170,10 +222,12 @@ fn load_views(
     let elsewhere = ViewCache::new(None, Residency::new(0));
     let cache = (!plan.fits()).then(|| ViewCache::new(loading.cache, Residency::new(plan.resident_bytes())));
     let (first_bad, done, total) = (AtomicUsize::new(usize::MAX), AtomicUsize::new(0), used.len());
+    let captured = LoadOptions { supervision: Supervision::Ldr, ..options.clone() };
     let load = |((used, &rank), &place): ((&SelectedFrame, &usize), &ViewPlace)| {
         if rank > first_bad.load(Ordering::Relaxed) {
             return None;
         }
+        let options = used.options(options, &captured);
         let loaded = match &cache {
             None if loading.keep.is_some_and(|keep| !keep(place)) => {
                 load_view(&used.frame, options).and_then(|view| elsewhere.store(&used.frame, options, view))
@@ -200,7 +254,7 @@ fn load_views(
     let loaded: Vec<Option<Result<LoadedView, IoError>>> =
         chunks.flat_map(|((used, rank), place)| used.par_iter().zip(rank).zip(place).map(load).collect::<Vec<_>>()).collect();
     if let Some(cache) = &cache {
-        cache.prune(used.iter().map(|used| &used.frame), options);
+        cache.prune(used.iter().map(|used| (&used.frame, used.options(options, &captured))));
     }
     let mut views = Vec::with_capacity(used.len());
     let mut bad: Option<(usize, IoError)> = None;
@@ -214,10 +268,16 @@ fn load_views(
     bad.map_or(Ok((views, plan.readers())), |(_, error)| Err(error))
 }
 
-/// Returns the place of each view; those to train on come first.
+/// Returns the place of each view; those to train on come first. A captured image goes with the
+/// training view of its pose.
 fn places(used: &[SelectedFrame]) -> Vec<ViewPlace> {
-    let train = used.iter().filter(|used| used.part == Part::Train).count();
-    (0..used.len()).map(|i| if i < train { ViewPlace::Train(i) } else { ViewPlace::Test(i - train) }).collect()
+    let train = used.iter().filter(|used| used.role == Role::Train).count();
+    let place = |(i, view): (usize, &SelectedFrame)| match view.role {
+        Role::Train => ViewPlace::Train(i),
+        Role::Test => ViewPlace::Test(i - train),
+        Role::Recording => ViewPlace::Train(used.iter().take(train).position(|other| other.source == view.source).unwrap_or(0)),
+    };
+    used.iter().enumerate().map(place).collect()
 }
 
 /// Names are unique and not empty.

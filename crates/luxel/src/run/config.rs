@@ -10,7 +10,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use luxel_core::RadianceScale;
-use luxel_io::{ImageMemory, LoadOptions};
+use luxel_io::{ImageMemory, LoadOptions, Supervision};
 use luxel_train::{Preset, TrainConfig};
 use serde::{Deserialize, Serialize};
 
@@ -194,12 +194,37 @@ impl RunConfig {
     /// The first option that is out of range, and the range.
     pub fn validate(&self) -> Result<()> {
         self.train.validate()?;
+        self.check_supervision()?;
         for (option, number) in [("keep_checkpoints", Some(self.run.keep_checkpoints)), ("eval_every", self.run.eval_every)] {
             if number == Some(0) {
                 return Err(Error::new(format!("{option}: found 0, expected at least 1")).with_remedy(Remedy::set(option, "1")));
             }
         }
         Ok(())
+    }
+
+    /// Reads captured images beside radiance if the method trains on both, unless the kind of images
+    /// is explicit.
+    pub fn imply_supervision(&mut self, explicit: &ExplicitArgs) {
+        if self.train.method.trains_on_pairs() && !explicit.contains("supervision") {
+            self.load.supervision = Supervision::Both;
+        }
+    }
+
+    /// Checks that the kind of images is the one that the method trains on.
+    fn check_supervision(&self) -> Result<()> {
+        let (method, is_pairs) = (self.method_name(), self.load.supervision == Supervision::Both);
+        match self.train.method.trains_on_pairs() {
+            true if !is_pairs => {
+                let message = format!("supervision: method {method} trains on captured images beside radiance, expected both");
+                Err(Error::new(message).with_remedy(Remedy::set("supervision", "both").or(Remedy::leave_out("supervision"))))
+            }
+            false if is_pairs => {
+                let message = format!("supervision: found both, method {method} trains on one kind of images");
+                Err(Error::new(message).with_remedy(Remedy::set("supervision", "hdr").or(Remedy::set("method", "hdr-gs"))))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Reads a config.toml. Options of the method that it leaves out have the value of its preset.

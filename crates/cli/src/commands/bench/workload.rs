@@ -75,6 +75,7 @@ impl Workload {
             values: PixelValues::Radiance,
             noise: None,
             mask: None,
+            recordings: Vec::new(),
             target: Target::default(),
         };
         Ok(Self { name: source.name, method: splats.color_model.name(), splats: splats.len(), target, view, render })

@@ -76,6 +76,7 @@ impl ViewCache {
             values: facts.values(),
             noise: facts.noise(),
             mask: facts.has_mask.then_some(mask),
+            recordings: Vec::new(),
             target: Target::default(),
         };
         facts.around(view)
@@ -125,10 +126,11 @@ impl ViewCache {
         (OnDemand::from_source(Arc::new(image)), OnDemand::from_source(Arc::new(mask)))
     }
 
-    /// Removes the files of views that are not among `frames`. What cannot be removed stays.
-    pub(super) fn prune<'a>(&self, frames: impl Iterator<Item = &'a SourceFrame>, options: &LoadOptions) {
+    /// Removes the files of views that are not among `frames`, which are read with the
+    /// options beside them. What cannot be removed stays.
+    pub(super) fn prune<'a>(&self, frames: impl Iterator<Item = (&'a SourceFrame, &'a LoadOptions)>) {
         let Some(folder) = &self.folder else { return };
-        let stems = frames.filter_map(|frame| Some(self.stem(frame, options)?.file_name()?.to_owned()));
+        let stems = frames.filter_map(|(frame, options)| Some(self.stem(frame, options)?.file_name()?.to_owned()));
         let used: BTreeSet<_> = stems.collect();
         let Ok(entries) = std::fs::read_dir(folder) else { return };
         for entry in entries.flatten() {
