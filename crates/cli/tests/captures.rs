@@ -46,7 +46,9 @@ fn record_beside_radiance(place: &Workplace) {
     record(place);
     let mut both = place.json("data/transforms.json");
     let frames = both["frames"].as_array_mut().unwrap();
-    frames.extend(radiance["frames"].as_array().unwrap().iter().enumerate().filter(|(view, _)| view % 8 != 0).map(|(_, frame)| frame.clone()));
+    frames.extend(
+        radiance["frames"].as_array().unwrap().iter().enumerate().filter(|(view, _)| view % 8 != 0).map(|(_, frame)| frame.clone()),
+    );
     std::fs::write(place.path("data/transforms.json"), both.to_string()).unwrap();
     let train: Vec<String> = (0..VIEWS).filter(|view| view % 8 != 0).map(|view| format!("images/{view:03}")).collect();
     let split = serde_json::json!({ "train": train, "test": ["images/000", "images/008"] });

@@ -96,7 +96,11 @@ pub(crate) fn color_model(name: &str) -> PyResult<ColorModel> {
 }
 
 fn color_model_of_light(name: &str) -> PyResult<ColorModel> {
-    let unknown = || invalid(format!("color_model: found {name:?}, expected \"sh0\" to \"sh5\", \"logsh0\" to \"logsh5\", \"lcd\" or \"lcd-c3-l0-softplus\""));
+    let unknown = || {
+        invalid(format!(
+            "color_model: found {name:?}, expected \"sh0\" to \"sh5\", \"logsh0\" to \"logsh5\", \"lcd\" or \"lcd-c3-l0-softplus\""
+        ))
+    };
     let degree = |text: &str| text.parse::<u8>().map_err(|_| unknown());
     let mut parts = name.split('-');
     let model = match parts.next() {

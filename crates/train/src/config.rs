@@ -11,7 +11,9 @@ mod range;
 mod spec;
 mod validate;
 
-pub use choices::{BatchRule, CutoffPreset, ExposureCompensation, Freeze, HdrNormalisation, Method, NamedChoice, Preset, ScaleRule, Strategy};
+pub use choices::{
+    BatchRule, CutoffPreset, ExposureCompensation, Freeze, HdrNormalisation, Method, NamedChoice, Preset, ScaleRule, Strategy,
+};
 pub use options::{OPTIONS, TrainConfig};
 pub use range::Range;
 pub use spec::{Condition, OptionSpec, ValueHelp};

@@ -90,7 +90,7 @@ pub enum TrainError {
         method: &'static str,
         /// Name of the view.
         view: String,
-        /// What is wrong with it, and what is expected.
+        /// Property found, and the one expected.
         reason: &'static str,
     },
     /// The optimisation diverged.
@@ -185,8 +185,7 @@ impl TrainError {
 }
 
 static ALL_BLACK: LazyLock<Remedy> = LazyLock::new(|| Remedy::advice("check the images").or(Remedy::give("radiance_scale")));
-static NEEDS_PAIRS: LazyLock<Remedy> =
-    LazyLock::new(|| Remedy::set("supervision", "both").or(Remedy::set("method", "logsh3")));
+static NEEDS_PAIRS: LazyLock<Remedy> = LazyLock::new(|| Remedy::set("supervision", "both").or(Remedy::set("method", "logsh3")));
 static MIXED_VALUES: LazyLock<Remedy> =
     LazyLock::new(|| Remedy::give("supervision").or(Remedy::advice("move the images of the other kind out of the data set")));
 static NOT_FINITE: LazyLock<Remedy> = LazyLock::new(|| {

@@ -37,8 +37,8 @@ mod views;
 mod vignetting;
 
 pub use config::{
-    BatchRule, Condition, CutoffPreset, ExposureCompensation, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS, Method, Misplaced,
-    NamedChoice, OPTIONS, OptionSpec, Preset, Range, ScaleRule, Strategy, TrainConfig, ValueHelp, parse_rgb,
+    BatchRule, Condition, CutoffPreset, ExposureCompensation, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS,
+    Method, Misplaced, NamedChoice, OPTIONS, OptionSpec, Preset, Range, ScaleRule, Strategy, TrainConfig, ValueHelp, parse_rgb,
 };
 pub use contribution::add_contribution;
 pub use error::TrainError;

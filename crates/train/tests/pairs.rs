@@ -90,7 +90,13 @@ fn by_the_own_maximum_one_gain_for_all_views_brings_the_scene_to_scale() {
 fn without_weight_of_captured_images_hdr_gs_is_training_of_log_harmonics() {
     let data = pairs();
     let alone = TrainConfig { ldr_weight: 0.0, hdr_weight: 1.0, average_share: 0.0, ..base(60) };
-    let plain = TrainConfig { method: Method::LogSh3, cutoffs: luxel_train::CutoffPreset::Parity, hdr_weight: 0.6, ldr_weight: 1.0, ..alone.clone() };
+    let plain = TrainConfig {
+        method: Method::LogSh3,
+        cutoffs: luxel_train::CutoffPreset::Parity,
+        hdr_weight: 0.6,
+        ldr_weight: 1.0,
+        ..alone.clone()
+    };
     let (mut a, mut b) = (Trainer::new(&data, alone, engine()).unwrap(), Trainer::new(&data, plain, engine()).unwrap());
     for step in 1..=60 {
         let (a, b) = (a.step().unwrap().loss, b.step().unwrap().loss);
@@ -111,7 +117,13 @@ fn without_weight_of_captured_images_hdr_gs_is_training_of_log_harmonics() {
 fn the_first_gradient_without_weight_of_captured_images_is_that_of_log_harmonics() {
     let data = pairs();
     let alone = TrainConfig { ldr_weight: 0.0, hdr_weight: 1.0, dropout: 0.0, ..base(60) };
-    let plain = TrainConfig { method: Method::LogSh3, cutoffs: luxel_train::CutoffPreset::Parity, hdr_weight: 0.6, ldr_weight: 1.0, ..alone.clone() };
+    let plain = TrainConfig {
+        method: Method::LogSh3,
+        cutoffs: luxel_train::CutoffPreset::Parity,
+        hdr_weight: 0.6,
+        ldr_weight: 1.0,
+        ..alone.clone()
+    };
     let [a, b] = [alone, plain].map(|config| snapshot(trained(&data, config, 1)).moments.first);
     for (a, b) in [(a.position.as_flattened(), b.position.as_flattened()), (&a.sh, &b.sh), (&a.opacity_logit, &b.opacity_logit)] {
         let largest = b.iter().fold(0.0f32, |m, v| m.max(v.abs()));

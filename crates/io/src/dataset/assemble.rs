@@ -14,9 +14,10 @@ use super::image_memory::{PlannedImage, ViewPlace, plan};
 use super::load::{LoadedView, load_view};
 use super::metres::metres_per_unit;
 use super::observations::{ObservedView, map_points};
+use super::selected::{Role, SelectedFrame, Split, select, with_captured};
 use super::source::{DatasetSource, SourceFrame, SourcePoint};
 use super::split::{Part, assign};
-use super::view_cache::{Residency, ViewCache};
+use super::view_cache::{CachedFrame, Residency, ViewCache};
 use super::{LoadOptions, LoadProgress, Loading, Supervision, masks, recordings};
 use crate::IoError;
 use crate::image::image_size;
@@ -56,43 +57,7 @@ pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions
         warnings.push("no test views: no image is held out to measure quality with".to_owned());
     }
 
-    if options.supervision == Supervision::Both {
-        recordings::check_pairs(train.iter().map(|i| sorted[*i]))?;
-    }
-    let (mut used, mut captured) = (Vec::new(), Vec::new());
-    for (part, indices) in [(Part::Train, train), (Part::Test, test)] {
-        let is_pairs = options.supervision == Supervision::Both;
-        let selected = |role: Role, indices: &[usize]| -> Vec<SelectedFrame> {
-            let expand = |i: &usize| {
-                let source = order[*i];
-                let frames = match role {
-                    Role::Train | Role::Test if is_pairs => vec![sorted[*i].clone()],
-                    _ => recordings::expanded(sorted[*i], part == Part::Test),
-                };
-                frames.into_iter().map(move |frame| SelectedFrame { frame: SourceFrame { part: Some(part), ..frame }, source, role })
-            };
-            indices.iter().flat_map(expand).collect()
-        };
-        let chosen = |views: Vec<SelectedFrame>| {
-            let views = recordings::choose(views, |used| &used.frame, &options.exposures);
-            match views.is_empty() {
-                true => Err(IoError::invalid(path, format!("no bracket has exposures {}, counted from 0", options.exposures))),
-                false => Ok(views),
-            }
-        };
-        let mut views = selected(if part == Part::Train { Role::Train } else { Role::Test }, &indices);
-        if options.supervision == Supervision::Ldr && part == Part::Train {
-            views = chosen(views)?;
-        }
-        if is_pairs && part == Part::Train {
-            captured = chosen(selected(Role::Recording, &indices))?;
-            captured.sort_by(|a, b| a.frame.name.cmp(&b.frame.name));
-        }
-        views.sort_by(|a, b| a.frame.name.cmp(&b.frame.name));
-        used.extend(views);
-    }
-    // Behind the views, so that those are numbered as without them.
-    used.extend(captured);
+    let mut used = select(path, &Split { frames: &sorted, order: &order, train: &train, test: &test }, options)?;
     warnings.extend(masks::attach(&folder, used.iter_mut().map(|used| &mut used.frame), &options.masks)?);
     let (loaded, readers) = load_views(path, &used, options, loading)?;
     warnings.extend(grouped_warnings(&loaded));
@@ -112,17 +77,7 @@ pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions
 
     let mut bad_pixels: Vec<_> = loaded.iter().filter_map(|l| l.bad.clone()).collect();
     bad_pixels.sort_by(|a, b| a.name.cmp(&b.name));
-    let count = |role| used.iter().filter(|used| used.role == role).count();
-    let (train_count, test_count) = (count(Role::Train), count(Role::Test));
-    let mut train: Vec<View> = loaded.into_iter().map(|l| l.view).collect();
-    let mut captured = train.split_off(train_count + test_count);
-    let test = train.split_off(train_count);
-    for (recording, of) in captured.drain(..).zip(used.iter().skip(train_count + test_count)) {
-        if let Some(at) = used.iter().take(train_count).position(|view| view.source == of.source) {
-            train[at].recordings.push(recording);
-        }
-    }
-    train.iter().try_for_each(View::validate).map_err(|error| IoError::invalid(path, error))?;
+    let (train, test) = with_captured(path, loaded.into_iter().map(|l| l.view), &used)?;
     warnings.extend(PointCoverage::new(&points, &train).warning(&points_from));
     let metres_per_unit = metres_per_unit(path, &folder)?;
     Ok(Dataset { format, train, test, points, color_space, bad_pixels, fingerprint, warnings, world_from_local, metres_per_unit, readers })
@@ -140,7 +95,7 @@ fn fingerprint(
         begun.text(match used.role {
             Role::Train => "train",
             Role::Test => "test",
-            Role::Recording => "recording",
+            Role::Captured => "captured",
         });
         begun.view(&l.view, &l.digest);
         begun.foreign_lens(used.frame.intrinsics.foreign_lens);
@@ -160,31 +115,6 @@ fn local_coordinates(frames: &[SourceFrame], points: &[SourcePoint]) -> Similari
 
 fn eye(camera_from_world: &DAffine3) -> DVec3 {
     -(camera_from_world.matrix3.transpose() * camera_from_world.translation)
-}
-
-/// What a view is read for.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Role {
-    Train,
-    Test,
-    /// A captured image beside the radiance of a training pose.
-    Recording,
-}
-
-/// A view to be read.
-struct SelectedFrame {
-    frame: SourceFrame,
-    /// Index into the source's frames.
-    source: usize,
-    role: Role,
-}
-
-impl SelectedFrame {
-    /// Returns the options that it is read with: beside radiance, captured images alone are read as
-    /// such.
-    fn options<'o>(&self, given: &'o LoadOptions, captured: &'o LoadOptions) -> &'o LoadOptions {
-        if self.role == Role::Recording { captured } else { given }
-    }
 }
 
 /// Returns the views in the order of `used`, with their pixels in memory if all have room there,
@@ -254,7 +184,7 @@ fn load_views(
     let loaded: Vec<Option<Result<LoadedView, IoError>>> =
         chunks.flat_map(|((used, rank), place)| used.par_iter().zip(rank).zip(place).map(load).collect::<Vec<_>>()).collect();
     if let Some(cache) = &cache {
-        cache.prune(used.iter().map(|used| (&used.frame, used.options(options, &captured))));
+        cache.prune(used.iter().map(|used| CachedFrame { frame: &used.frame, options: used.options(options, &captured) }));
     }
     let mut views = Vec::with_capacity(used.len());
     let mut bad: Option<(usize, IoError)> = None;
@@ -275,7 +205,7 @@ fn places(used: &[SelectedFrame]) -> Vec<ViewPlace> {
     let place = |(i, view): (usize, &SelectedFrame)| match view.role {
         Role::Train => ViewPlace::Train(i),
         Role::Test => ViewPlace::Test(i - train),
-        Role::Recording => ViewPlace::Train(used.iter().take(train).position(|other| other.source == view.source).unwrap_or(0)),
+        Role::Captured => ViewPlace::Train(used.iter().take(train).position(|other| other.source == view.source).unwrap_or(0)),
     };
     used.iter().enumerate().map(place).collect()
 }

@@ -15,9 +15,9 @@
 //! - Pixels that are NaN, infinite or negative become 0 and are masked, before anything is
 //!   resampled.
 //! - Masks: [`MaskSource`]; white counts, black does not.
-//! - Captured LDR images ([`Supervision::Ldr`]; beside radiance [`Supervision::Both`]): brackets or single exposures are trained on as
-//!   they are, each image with its exposure in seconds; held-out views are radiance where there is
-//!   any.
+//! - Captured LDR images ([`Supervision::Ldr`]; beside radiance [`Supervision::Both`]): brackets or
+//!   single exposures are trained on as they are, each image with its exposure in seconds; held-out
+//!   views are radiance where there is any.
 //! - Lens distortion is removed, then the image is reduced, both in linear light; observations of
 //!   points follow.
 
@@ -48,6 +48,7 @@ mod metres;
 mod observations;
 mod posed;
 mod recordings;
+mod selected;
 mod source;
 mod split;
 mod transforms;

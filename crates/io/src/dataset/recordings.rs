@@ -205,7 +205,8 @@ pub(super) fn check_pairs<'a>(frames: impl Iterator<Item = &'a SourceFrame> + Cl
     for frame in frames {
         let found = frame.recordings.len();
         if found < most {
-            let message = format!("{found} captured images of known exposure of view {}, other views have {most}: expected as many", frame.name);
+            let message =
+                format!("{found} captured images of known exposure of view {}, other views have {most}: expected as many", frame.name);
             return Err(frame.origin.error(message).with_remedy(Remedy::advice("add the missing images or their exposures")));
         }
     }

@@ -10,7 +10,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use luxel_core::RadianceScale;
-use luxel_io::{ImageMemory, LoadOptions, Supervision};
+use luxel_io::{ImageMemory, LoadOptions};
 use luxel_train::{Preset, TrainConfig};
 use serde::{Deserialize, Serialize};
 
@@ -201,30 +201,6 @@ impl RunConfig {
             }
         }
         Ok(())
-    }
-
-    /// Reads captured images beside radiance if the method trains on both, unless the kind of images
-    /// is explicit.
-    pub fn imply_supervision(&mut self, explicit: &ExplicitArgs) {
-        if self.train.method.trains_on_pairs() && !explicit.contains("supervision") {
-            self.load.supervision = Supervision::Both;
-        }
-    }
-
-    /// Checks that the kind of images is the one that the method trains on.
-    fn check_supervision(&self) -> Result<()> {
-        let (method, is_pairs) = (self.method_name(), self.load.supervision == Supervision::Both);
-        match self.train.method.trains_on_pairs() {
-            true if !is_pairs => {
-                let message = format!("supervision: method {method} trains on captured images beside radiance, expected both");
-                Err(Error::new(message).with_remedy(Remedy::set("supervision", "both").or(Remedy::leave_out("supervision"))))
-            }
-            false if is_pairs => {
-                let message = format!("supervision: found both, method {method} trains on one kind of images");
-                Err(Error::new(message).with_remedy(Remedy::set("supervision", "hdr").or(Remedy::set("method", "hdr-gs"))))
-            }
-            _ => Ok(()),
-        }
     }
 
     /// Reads a config.toml. Options of the method that it leaves out have the value of its preset.

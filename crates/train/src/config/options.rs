@@ -11,7 +11,9 @@ use serde::{Deserialize, Serialize};
 
 use super::range::Range;
 use super::spec::{Access, Condition, OptionSpec, OptionValue, check_in, parse_in};
-use super::{BatchRule, CutoffPreset, ExposureCompensation, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED, Method, Preset, ScaleRule, Strategy};
+use super::{
+    BatchRule, CutoffPreset, ExposureCompensation, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED, Method, Preset, ScaleRule, Strategy,
+};
 use crate::{NoiseChoice, ResolutionSchedule};
 
 /// Writes the struct, its defaults and the list of options.

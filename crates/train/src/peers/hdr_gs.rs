@@ -34,7 +34,7 @@ pub(crate) struct HdrGsStep<'a> {
 pub(crate) struct HdrGsGradients {
     pub(crate) report: StepReport,
     pub(crate) splats: SparseGradients,
-    /// Of the tone mappers, if the captured image has any weight.
+    /// Tables and gradient of the tone mappers, if the captured image has any weight.
     pub(crate) tone: Option<(ToneTables, ToneGradient)>,
 }
 
@@ -43,7 +43,7 @@ fn add(sum: &mut [[f32; 3]], part: &[f32], factor: f32) {
     sum.as_flattened_mut().iter_mut().zip(part).for_each(|(sum, part)| *sum += factor * part);
 }
 
-/// Compares an image of captured values with a recording.
+/// Compares a rendered image of captured values with the captured one.
 pub(super) fn compare_captured(image: &[[f32; 3]], recording: &View, loss: &LossWeights) -> Comparison {
     let [width, height] = recording.camera.size_px.map(|side| side as usize);
     let planes = |pixels: &[[f32; 3]]| Planes::from_pixels(width, height, pixels, |_, value| value);

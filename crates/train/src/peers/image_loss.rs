@@ -53,8 +53,10 @@ struct Channel {
 pub(crate) fn compare(prediction: &Planes, target: &Planes, weights: Option<&[f32]>, loss: &LossWeights) -> Comparison {
     let (width, height) = (prediction.width, prediction.height);
     let total = 3.0 * weights.map_or((width * height) as f64, |weights| weights.iter().map(|w| f64::from(*w)).sum());
-    let channels: Vec<Channel> =
-        (0..3).into_par_iter().map(|c| channel([width, height], [&prediction.values[c], &target.values[c]], weights, loss, total)).collect();
+    let channels: Vec<Channel> = (0..3)
+        .into_par_iter()
+        .map(|c| channel([width, height], [&prediction.values[c], &target.values[c]], weights, loss, total))
+        .collect();
     let sum = |of: fn(&Channel) -> f64| channels.iter().map(of).sum::<f64>();
     let mean = |sum: f64| if total > 0.0 { (sum / total) as f32 } else { 0.0 };
     let (l1, l2) = (mean(sum(|c| c.absolute)), mean(sum(|c| c.squared)));
@@ -78,7 +80,13 @@ fn channel([width, height]: [usize; 2], [x, y]: [&[f32]; 2], weights: Option<&[f
         let d = x - y;
         absolute += f64::from(d.abs());
         squared += f64::from(d * d);
-        let sign = if d > 0.0 { l1 } else if d < 0.0 { -l1 } else { 0.0 };
+        let sign = if d > 0.0 {
+            l1
+        } else if d < 0.0 {
+            -l1
+        } else {
+            0.0
+        };
         *gradient = sign + l2 * d;
     }
     let mut window = Window::new(width, height);

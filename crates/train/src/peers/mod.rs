@@ -2,7 +2,7 @@
 //! models: each step computes its own images and losses over the engine's rasteriser with
 //! gradients, and hands the engine the gradients by the splats.
 //!
-//! In: views with recordings, the options of the method. Out: gradients and statistics in the
+//! In: views with captured images, the options of the method. Out: gradients and statistics in the
 //! engine's form, and the shared networks of the method, which are part of the run's state. Sources
 //! and deviations from what was published: `docs/src/guide/published-methods.md`. Degenerate: data
 //! without pairs and options that a method does not have are errors at the start.

@@ -1,22 +1,21 @@
-//! The captured image of a step: which of a pose's recordings it is, at the resolution and crop of
-//! the step.
+//! The captured image of a step: which of those of a pose it is.
 //!
-//! In: a view with its recordings, the step. Out: the recording, in memory. Each pose takes its
-//! recordings in turn, and poses begin at different ones, so over as many epochs as there are
-//! recordings every pair of a pose and an exposure comes once. Degenerate: a view without
-//! recordings is an error.
+//! In: a view with its captured images, the step. Out: the index of one of them. Each pose takes
+//! its captured images in turn, and poses begin at different ones, so over as many epochs as there
+//! are exposures every pair of a pose and an exposure comes once. Degenerate: a view without
+//! captured images is an error.
 
 use luxel_core::{PixelValues, View};
 
 use crate::TrainError;
 
-/// Returns the index of the recording of a view that `step` sees, of `views` views.
+/// Returns the index of the captured image of a view that `step` sees, of `views` views.
 pub(crate) fn turn(step: u32, index: usize, views: usize, recordings: usize) -> usize {
     let epoch = (step.saturating_sub(1) as usize) / views.max(1);
     (epoch + index) % recordings.max(1)
 }
 
-/// Returns the exposure of a recording.
+/// Returns the exposure of a captured image.
 pub(crate) fn exposure_of(recording: &View) -> Option<f32> {
     match recording.values {
         PixelValues::Recorded { exposure_s } => Some(exposure_s),

@@ -33,12 +33,18 @@ struct Piece {
     offset: f64,
 }
 
+/// A break point, and its unit.
+#[derive(Clone, Copy, Debug)]
+struct Break {
+    at: f64,
+    unit: usize,
+}
+
 /// The network as pieces.
 #[derive(Clone, Debug)]
 pub(crate) struct LineTable {
-    /// Break points in ascending order, and the unit of each.
-    breaks: Vec<f64>,
-    unit_of: Vec<usize>,
+    /// In ascending order.
+    breaks: Vec<Break>,
     /// `[outputs, breaks + 1]`.
     pieces: Vec<Vec<Piece>>,
 }
@@ -112,15 +118,14 @@ impl ReluLine {
 
     /// Returns the table.
     pub(crate) fn table(&self) -> LineTable {
-        let mut breaks: Vec<(f64, usize)> =
-            (0..self.units).filter(|j| self.weight(*j) != 0.0).map(|j| (-self.bias(j) / self.weight(j), j)).collect();
-        breaks.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let bending = (0..self.units).filter(|unit| self.weight(*unit) != 0.0);
+        let mut breaks: Vec<Break> = bending.map(|unit| Break { at: -self.bias(unit) / self.weight(unit), unit }).collect();
+        breaks.sort_by(|a, b| a.at.total_cmp(&b.at).then(a.unit.cmp(&b.unit)));
         let pieces = (0..self.outputs).map(|output| self.pieces(output, &breaks)).collect();
-        let (breaks, unit_of) = breaks.into_iter().unzip();
-        LineTable { breaks, unit_of, pieces }
+        LineTable { breaks, pieces }
     }
 
-    fn pieces(&self, output: usize, breaks: &[(f64, usize)]) -> Vec<Piece> {
+    fn pieces(&self, output: usize, breaks: &[Break]) -> Vec<Piece> {
         let mut piece = Piece { slope: 0.0, offset: self.numbers[self.first_of(output) + self.units].into() };
         for unit in 0..self.units {
             let v = self.outgoing(output, unit);
@@ -135,10 +140,10 @@ impl ReluLine {
             }
         }
         let mut pieces = vec![piece];
-        for (_, unit) in breaks {
-            let (v, sign) = (self.outgoing(output, *unit), self.weight(*unit).signum());
-            piece.slope += sign * v * self.weight(*unit);
-            piece.offset += sign * v * self.bias(*unit);
+        for Break { unit, .. } in breaks.iter().copied() {
+            let (v, sign) = (self.outgoing(output, unit), self.weight(unit).signum());
+            piece.slope += sign * v * self.weight(unit);
+            piece.offset += sign * v * self.bias(unit);
             pieces.push(piece);
         }
         pieces
@@ -162,10 +167,10 @@ impl ReluLine {
                 gradient[unit] += v * e;
                 gradient[self.units + unit] += v * d;
             };
-            for (place, unit) in table.unit_of.iter().enumerate() {
+            for (place, Break { unit, .. }) in table.breaks.iter().copied().enumerate() {
                 let left = before[place + 1];
                 let right = PieceSums { gradient: all.gradient - left.gradient, moment: all.moment - left.moment };
-                add(*unit, if self.weight(*unit) > 0.0 { right } else { left });
+                add(unit, if self.weight(unit) > 0.0 { right } else { left });
             }
             for unit in (0..self.units).filter(|j| self.weight(*j) == 0.0 && self.bias(*j) > 0.0) {
                 add(unit, all);
@@ -179,7 +184,7 @@ impl ReluLine {
 impl LineTable {
     /// Returns the piece of an input.
     pub(crate) fn piece(&self, s: f64) -> usize {
-        self.breaks.partition_point(|b| *b < s)
+        self.breaks.partition_point(|b| b.at < s)
     }
 
     /// Returns an output at an input on `piece`.
@@ -264,7 +269,10 @@ mod tests {
         let exact = line.gradient(&table, &sums);
         let numbers: Vec<f64> = line.numbers.iter().map(|v| f64::from(*v)).collect();
         let loss = |numbers: &[f64]| {
-            inputs().flat_map(|s| (0..3).map(move |output| (s, output))).map(|(s, o)| weight(s, o) * plain(&line, numbers, o, s)).sum::<f64>()
+            inputs()
+                .flat_map(|s| (0..3).map(move |output| (s, output)))
+                .map(|(s, o)| weight(s, o) * plain(&line, numbers, o, s))
+                .sum::<f64>()
         };
         for i in 0..numbers.len() {
             if i == 5 || i == 4 {

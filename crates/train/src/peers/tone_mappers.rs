@@ -102,7 +102,11 @@ impl ToneMappers {
 
     /// Returns the record of the networks, where a normalised unit is `radiance_unit`.
     pub(crate) fn record(&self, radiance_unit: f32) -> ToneMapperRecord {
-        ToneMapperRecord { radiance_unit, reference_s: self.reference_s, numbers: self.lines.each_ref().map(|line| line.numbers().to_vec()) }
+        ToneMapperRecord {
+            radiance_unit,
+            reference_s: self.reference_s,
+            numbers: self.lines.each_ref().map(|line| line.numbers().to_vec()),
+        }
     }
 }
 
