@@ -73,7 +73,7 @@ fn hdr_gs_trains_measures_renders_exports_and_resumes_like_other_methods() {
     assert_eq!(place.json("run/metrics.json")["splits"]["test"]["mean"]["psnr_scene"], before);
     place.ok(&["render", "run", "-o", "frames", "--threads", "2"]);
     place.ok(&["export", "run", "-o", "scene.glb", "--threads", "2"]);
-    place.ok(&["edit", "run", "-o", "edited.ply", "--exposure", "1"]);
+    place.ok(&["edit", "run", "-o", "edited.ply", "--compress-above", "1:2"]);
     place.ok(&["train", "--resume", "-o", "run", "--iterations", "45", "--threads", "2"]);
     assert_eq!(place.json("run/metrics.json")["iterations"], 45);
 }

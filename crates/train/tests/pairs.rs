@@ -9,7 +9,7 @@ use common::{config, dataset, engine};
 use luxel_core::{Dataset, Engine, Image, PixelValues, Snapshot, View};
 use luxel_cpu::CpuEngine;
 use luxel_metrics::{GainFit, Measures, evaluate};
-use luxel_train::{HdrNormalisation, Method, Strategy, TrainConfig, TrainError, Trainer};
+use luxel_train::{CutoffPreset, HdrNormalisation, Method, Strategy, TrainConfig, TrainError, Trainer};
 
 const EXPOSURES_S: [f32; 3] = [0.5, 4.0, 32.0];
 
@@ -55,8 +55,10 @@ fn psnr(trainer: &mut Trainer, data: &Dataset, gain_fit: GainFit<'_>) -> f64 {
 #[test]
 fn hdr_gs_learns_radiance_at_one_scale_and_the_response_of_the_camera() {
     let data = pairs();
-    let mut hdr_gs = trained(&data, base(600), 600);
-    let mut log_harmonics = trained(&data, TrainConfig { method: Method::LogSh3, ..base(600) }, 600);
+    // Short runs need networks that learn faster.
+    let mut hdr_gs = trained(&data, TrainConfig { tone_lr: 5e-3, ..base(800) }, 800);
+    let parity = TrainConfig { method: Method::LogSh3, cutoffs: CutoffPreset::Parity, ..base(800) };
+    let mut log_harmonics = trained(&data, parity, 800);
     let (pair, alone) = (psnr(&mut hdr_gs, &data, GainFit::None), psnr(&mut log_harmonics, &data, GainFit::None));
     println!("hdr-gs {pair:.2} dB, logsh3 {alone:.2} dB");
     assert!(pair > 20.0 && pair > alone - 4.0, "{pair} {alone}");
@@ -83,27 +85,22 @@ fn by_the_own_maximum_one_gain_for_all_views_brings_the_scene_to_scale() {
     let mut own = trained(&data, TrainConfig { hdr_normalisation: HdrNormalisation::Own, ..base(400) }, 400);
     let (raw, fitted) = (psnr(&mut own, &data, GainFit::None), psnr(&mut own, &data, GainFit::Common));
     println!("as it is {raw:.2} dB, after one gain {fitted:.2} dB");
-    assert!(fitted > 15.0 && fitted >= raw - 0.5, "{raw} {fitted}");
+    assert!(fitted > 18.0, "{raw} {fitted}");
 }
 
 #[test]
 fn without_weight_of_captured_images_hdr_gs_is_training_of_log_harmonics() {
     let data = pairs();
-    let alone = TrainConfig { ldr_weight: 0.0, hdr_weight: 1.0, average_share: 0.0, ..base(60) };
-    let plain = TrainConfig {
-        method: Method::LogSh3,
-        cutoffs: luxel_train::CutoffPreset::Parity,
-        hdr_weight: 0.6,
-        ldr_weight: 1.0,
-        ..alone.clone()
-    };
+    // Without densification, whose thresholds turn rounding into other splats.
+    let alone = TrainConfig { ldr_weight: 0.0, hdr_weight: 1.0, average_share: 0.0, densify_from: Some(1000), ..base(60) };
+    let plain = TrainConfig { method: Method::LogSh3, cutoffs: CutoffPreset::Parity, hdr_weight: 0.6, ldr_weight: 1.0, ..alone.clone() };
     let (mut a, mut b) = (Trainer::new(&data, alone, engine()).unwrap(), Trainer::new(&data, plain, engine()).unwrap());
     for step in 1..=60 {
         let (a, b) = (a.step().unwrap().loss, b.step().unwrap().loss);
         // The CPU engine defers an update, but not its report.
         assert!((a - b).abs() < 2e-3 * b + 1e-5, "step {step}: {a} {b}");
     }
-    assert!((a.splats_len() as f64 / b.splats_len() as f64 - 1.0).abs() < 0.02, "{} {}", a.splats_len(), b.splats_len());
+    assert_eq!(a.splats_len(), b.splats_len());
     let options = a.render_options();
     let view = &data.test[0];
     let [x, y] = [&mut a, &mut b].map(|trainer| trainer.engine().render(&view.camera, &options).unwrap());
@@ -117,13 +114,7 @@ fn without_weight_of_captured_images_hdr_gs_is_training_of_log_harmonics() {
 fn the_first_gradient_without_weight_of_captured_images_is_that_of_log_harmonics() {
     let data = pairs();
     let alone = TrainConfig { ldr_weight: 0.0, hdr_weight: 1.0, dropout: 0.0, ..base(60) };
-    let plain = TrainConfig {
-        method: Method::LogSh3,
-        cutoffs: luxel_train::CutoffPreset::Parity,
-        hdr_weight: 0.6,
-        ldr_weight: 1.0,
-        ..alone.clone()
-    };
+    let plain = TrainConfig { method: Method::LogSh3, cutoffs: CutoffPreset::Parity, hdr_weight: 0.6, ldr_weight: 1.0, ..alone.clone() };
     let [a, b] = [alone, plain].map(|config| snapshot(trained(&data, config, 1)).moments.first);
     for (a, b) in [(a.position.as_flattened(), b.position.as_flattened()), (&a.sh, &b.sh), (&a.opacity_logit, &b.opacity_logit)] {
         let largest = b.iter().fold(0.0f32, |m, v| m.max(v.abs()));

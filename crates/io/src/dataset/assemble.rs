@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::{DAffine3, DVec3};
-use luxel_core::{ColorSpace, Dataset, Point, PointCoverage, SceneBounds, Similarity, View};
+use luxel_core::{ColorSpace, Dataset, Point, PointCoverage, SceneBounds, Similarity};
 use rayon::prelude::*;
 
 use super::checks::{self, CheckedView};
