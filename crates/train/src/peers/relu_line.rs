@@ -135,7 +135,7 @@ impl ReluLine {
                     piece.slope += v * w;
                     piece.offset += v * self.bias(unit);
                 }
-                w if w == 0.0 => piece.offset += v * self.bias(unit).max(0.0),
+                0.0 => piece.offset += v * self.bias(unit).max(0.0),
                 _ => {}
             }
         }

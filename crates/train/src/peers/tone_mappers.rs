@@ -136,8 +136,9 @@ impl ToneTables {
     pub(crate) fn backward(&self, colors: &[[f32; 3]], visible: &[bool], by_value: &[[f32; 3]]) -> ToneGradient {
         let mut by_color = vec![[0.0; 3]; colors.len()];
         let zero = || self.tables.each_ref().map(LineTable::sums);
-        let chunks = by_color.par_chunks_mut(CHUNK).zip(colors.par_chunks(CHUNK)).zip(visible.par_chunks(CHUNK));
-        let of_chunk = |(((out, colors), visible), by_value): (((&mut [[f32; 3]], &[[f32; 3]]), &[bool]), &[[f32; 3]])| {
+        let of_chunk = |(chunk, out): (usize, &mut [[f32; 3]])| {
+            let at = chunk * CHUNK..chunk * CHUNK + out.len();
+            let (colors, visible, by_value) = (&colors[at.clone()], &visible[at.clone()], &by_value[at]);
             let mut sums = zero();
             for (i, out) in out.iter_mut().enumerate().filter(|(i, _)| visible[*i]) {
                 for c in 0..3 {
@@ -158,7 +159,7 @@ impl ToneTables {
             }
             sums
         };
-        let parts: Vec<[LineSums; 3]> = chunks.zip(by_value.par_chunks(CHUNK)).map(of_chunk).collect();
+        let parts: Vec<[LineSums; 3]> = by_color.par_chunks_mut(CHUNK).enumerate().map(of_chunk).collect();
         let mut sums = zero();
         for part in &parts {
             sums.iter_mut().zip(part).for_each(|(sum, part)| sum.merge(part));
