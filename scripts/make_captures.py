@@ -2,13 +2,14 @@
 """Makes captures as a photographer would bring them from a data set of radiance, for docs/src/notebook/captured-images.md.
 
     scripts/make_captures.py brackets crates/cli/data/desk-lamp-200 brackets      # 5 exposures a view, for --supervision ldr
+    scripts/make_captures.py pairs crates/cli/data/desk-lamp-200 pairs            # the same beside the radiance, in HDR-NeRF's layout
     scripts/make_captures.py drift crates/cli/data/desk-lamp-200 drift --ev 0.3 --balance-ev 0.15
     scripts/make_captures.py stranger crates/cli/data/desk-lamp-200 stranger      # an object before some of the views, with masks/
     scripts/make_captures.py noise crates/cli/data/desk-lamp-200 noise --white 2 --electrons 200
     scripts/make_captures.py radiance crates/cli/data/desk-lamp-200 radiance      # the images as they are, in the same layout
 
 Faults go into the training images; the test images stay true. Every folder has a transforms.json, a split.json and the points as points.ply, so that
-trainings differ in the images alone. Needs numpy, OpenEXR and Pillow.
+trainings differ in the images alone; pairs has transforms_train.json and transforms_test.json, and trains with --supervision hdr, ldr or both. Needs numpy, OpenEXR and Pillow.
 """
 
 import argparse
@@ -65,14 +66,40 @@ def noisy(x, electrons, rng):
     return np.maximum(rng.poisson(np.maximum(x, 0) * electrons) + rng.normal(0, 3, x.shape), 0) / electrons
 
 
+def write_pairs(scene, described, train, out, electrons, rng):
+    """HDR-NeRF's layout: train/r_<pose>_<exposure>.png beside train_hdr/hdr_<pose>.exr."""
+    head = {key: value for key, value in described.items() if key != "frames"}
+    frames, exposures, poses = {"train": [], "test": []}, {"train": {}, "test": {}}, {"train": 0, "test": 0}
+    for frame in described["frames"]:
+        name = pathlib.PurePosixPath(frame["file_path"]).stem
+        source = next(path for path in [scene / frame["file_path"], scene / "images" / f"{name}.exr"] if path.is_file())
+        part = "train" if name in train else "test"
+        pose, poses[part] = poses[part], poses[part] + 1
+        target = out / f"{part}_hdr" / f"hdr_{pose:03}.exr"
+        target.parent.mkdir(exist_ok=True)
+        shutil.copy(source, target)
+        if part == "test":
+            frames[part].append({**frame, "file_path": f"test/r_{pose}_0"})
+            continue
+        radiance = read_exr(source)
+        for k, seconds in enumerate(EXPOSURES_S):
+            write_png(out / f"train/r_{pose}_{k}.png", response(noisy(radiance * seconds, electrons, rng)))
+            frames[part].append({**frame, "file_path": f"train/r_{pose}_{k}"})
+            exposures[part][f"r_{pose}_{k}.png"] = seconds
+    for part in ["train", "test"]:
+        described = {**head, "frames": frames[part], "ply_file_path": "points.ply"}
+        (out / f"transforms_{part}.json").write_text(json.dumps(described, indent=1))
+        (out / f"exposure_{part}.json").write_text(json.dumps(exposures[part], indent=1))
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kind", choices=["brackets", "drift", "stranger", "noise", "radiance"])
+    parser.add_argument("kind", choices=["brackets", "pairs", "drift", "stranger", "noise", "radiance"])
     parser.add_argument("scene", type=pathlib.Path)
     parser.add_argument("out", type=pathlib.Path)
     parser.add_argument("--ev", type=float, default=0.3, help="drift: largest exposure error, stops")
     parser.add_argument("--balance-ev", type=float, default=0.0, help="drift: largest error of red and blue against green, stops")
-    parser.add_argument("--electrons", type=float, default=20_000, help="brackets, noise: of a pixel at x = 1, at white")
+    parser.add_argument("--electrons", type=float, default=20_000, help="brackets, pairs, noise: of a pixel at x = 1, at white")
     parser.add_argument("--white", type=float, default=2.0, help="noise: radiance at white")
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
@@ -83,6 +110,9 @@ def main():
     write_points(args.scene, args.out)
     stem = lambda name: pathlib.PurePosixPath(name).stem
     train = {stem(name) for name in split["train"]}
+
+    if args.kind == "pairs":
+        return write_pairs(args.scene, described, train, args.out, args.electrons, rng)
 
     views = [frame for frame in described["frames"] if stem(frame["file_path"]) in train]
     drift = rng.uniform(-1, 1, (len(views), 3)) * [args.balance_ev, 0, args.balance_ev] + rng.uniform(-args.ev, args.ev, (len(views), 1))

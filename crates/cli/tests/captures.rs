@@ -40,6 +40,62 @@ fn record(place: &Workplace) {
     std::fs::write(place.path("data/split.json"), split.to_string()).unwrap();
 }
 
+/// Writes two captured images of every training view beside its radiance.
+fn record_beside_radiance(place: &Workplace) {
+    let radiance = place.json("data/transforms.json");
+    record(place);
+    let mut both = place.json("data/transforms.json");
+    let frames = both["frames"].as_array_mut().unwrap();
+    frames.extend(
+        radiance["frames"].as_array().unwrap().iter().enumerate().filter(|(view, _)| view % 8 != 0).map(|(_, frame)| frame.clone()),
+    );
+    std::fs::write(place.path("data/transforms.json"), both.to_string()).unwrap();
+    let train: Vec<String> = (0..VIEWS).filter(|view| view % 8 != 0).map(|view| format!("images/{view:03}")).collect();
+    let split = serde_json::json!({ "train": train, "test": ["images/000", "images/008"] });
+    std::fs::write(place.path("data/split.json"), split.to_string()).unwrap();
+}
+
+#[test]
+fn hdr_gs_trains_measures_renders_exports_and_resumes_like_other_methods() {
+    let place = Workplace::new();
+    record_beside_radiance(&place);
+    place.train("run", &["--method", "hdr-gs"]);
+    let metrics = place.json("run/metrics.json");
+    assert_eq!((&metrics["method"], metrics["splits"]["train"]["views"].as_array().unwrap().len()), (&"hdr-gs".into(), VIEWS - 2));
+    for split in ["test", "test_gain_common"] {
+        assert!(metrics["splits"][split]["mean"]["psnr_scene"].as_f64().unwrap() > 0.0, "{split}");
+    }
+    let mappers = place.json("run/captures.json")["tone_mappers"].clone();
+    assert_eq!(mappers["numbers"][2].as_array().unwrap().len(), 3 * 128 + 1);
+    assert!((mappers["reference_s"].as_f64().unwrap() - 2.0).abs() < 1e-5);
+    let before = metrics["splits"]["test"]["mean"]["psnr_scene"].clone();
+    place.ok(&["eval", "run", "--threads", "2"]);
+    assert_eq!(place.json("run/metrics.json")["splits"]["test"]["mean"]["psnr_scene"], before);
+    place.ok(&["render", "run", "-o", "frames", "--threads", "2"]);
+    place.ok(&["export", "run", "-o", "scene.glb", "--threads", "2"]);
+    place.ok(&["edit", "run", "-o", "edited.ply", "--compress-above", "1:2"]);
+    place.ok(&["train", "--resume", "-o", "run", "--iterations", "45", "--threads", "2"]);
+    assert_eq!(place.json("run/metrics.json")["iterations"], 45);
+}
+
+#[test]
+fn hdr_gs_needs_pairs_and_refuses_what_it_does_not_have() {
+    let place = Workplace::new();
+    let refused = |more: &[&str], parts: &[&str]| {
+        let mut args = vec!["train", "data", "-o", "run"];
+        args.extend(QUICK);
+        args.extend(more);
+        place.error(&args, parts);
+    };
+    refused(&["--method", "hdr-gs"], &["no captured LDR images with exposures beside the radiance"]);
+    record_beside_radiance(&place);
+    refused(&["--method", "hdr-gs", "--supervision", "hdr"], &["trains on captured images beside radiance", "--supervision both"]);
+    refused(&["--supervision", "both"], &["method lcd trains on one kind of images"]);
+    refused(&["--method", "hdr-gs", "--cutoffs", "hdr"], &["--cutoffs: has an effect with --method lcd, sh0 to sh5 or logsh3 only"]);
+    refused(&["--tone-width", "64"], &["--tone-width: has an effect with --method hdr-gs only"]);
+    refused(&["--method", "hdr-gs", "--batch", "2"], &["batch", "method hdr-gs has no other"]);
+}
+
 #[test]
 fn a_run_on_recordings_tells_the_response_and_figures_with_and_without_its_scale() {
     let place = Workplace::new();

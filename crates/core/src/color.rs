@@ -4,10 +4,12 @@
 //! In: `sh [K,3]` and `raw_luminance [M]` of one splat, unit direction from the camera to the
 //! splat. Out: linear RGB radiance >= 0, in the scene's normalised units, unbounded above.
 //! - [`ColorModel::Sh`]: max(0, 1/2 + sum_m k_m Y_m(v)) (Kerbl et al. 2023, with its offset).
+//! - [`ColorModel::LogSh`]: exp(1/2 + sum_m k_m Y_m(v)), as methods have it that learn the exposure
+//!   of captured images (HDR-GS, Cai et al. 2024; GaussHDR, Liu et al. 2025).
 //! - [`ColorModel::Lcd`]: L(v) q(v) with q = (r + e) / (sum r + 3 e), r = max(0, sum_m k_m Y_m(v))
 //!   (LCD-GS eq. 4) and L = g(l_0 + sum_{m>0} l_m Y_m(v)). q sums to 1, so L is the splat's
 //!   R + G + B. The paper uses luminance degree 0. [`DEAD_CHROMA_FLOOR`] is e.
-//! - [`ColorModel::Mix`]: sum_i g_i c_i(v), where each c_i is one of the two above and g_i >= 0 is
+//! - [`ColorModel::Mix`]: sum_i g_i c_i(v), where each c_i is one of the above and g_i >= 0 is
 //!   the splat's gain of light i.
 
 mod activation;
@@ -18,7 +20,7 @@ use serde::{Deserialize, Serialize};
 
 pub use self::activation::{Activation, MAX_EXP_ARGUMENT};
 pub use self::light::Light;
-use self::light::LuminanceTerm;
+use self::light::{Form, LuminanceTerm, log_constant};
 pub use self::mix::{Component, MAX_LIGHTS, Mix};
 use crate::engine::EngineError;
 use crate::sh::{self, MAX_COEFFICIENTS};
@@ -41,6 +43,11 @@ pub const DEAD_CHROMA_FLOOR: f32 = 1e-3;
 pub enum ColorModel {
     /// Spherical harmonics of RGB radiance: 3D Gaussian splatting.
     Sh {
+        /// Degree 0 to 5.
+        degree: u8,
+    },
+    /// Spherical harmonics of the natural logarithm of RGB radiance.
+    LogSh {
         /// Degree 0 to 5.
         degree: u8,
     },
@@ -83,9 +90,10 @@ impl ColorModel {
     #[inline(always)]
     pub fn single(self) -> Option<Light> {
         match self {
-            Self::Sh { degree } => Some(Light { degree, luminance: None }),
+            Self::Sh { degree } => Some(Light { degree, form: Form::Linear }),
+            Self::LogSh { degree } => Some(Light { degree, form: Form::Log }),
             Self::Lcd { chroma_degree, luminance_degree, activation } => {
-                Some(Light { degree: chroma_degree, luminance: Some(LuminanceTerm { degree: luminance_degree, activation }) })
+                Some(Light { degree: chroma_degree, form: Form::Chroma(LuminanceTerm { degree: luminance_degree, activation }) })
             }
             Self::Mix(_) => None,
         }
@@ -100,10 +108,11 @@ impl ColorModel {
     #[inline(always)]
     pub fn component(self, index: usize) -> Component {
         match self {
-            Self::Sh { degree } => Component::alone(Light { degree, luminance: None }),
+            Self::Sh { degree } => Component::alone(Light { degree, form: Form::Linear }),
+            Self::LogSh { degree } => Component::alone(Light { degree, form: Form::Log }),
             Self::Lcd { chroma_degree, luminance_degree, activation } => {
-                let luminance = Some(LuminanceTerm { degree: luminance_degree, activation });
-                Component::alone(Light { degree: chroma_degree, luminance })
+                let form = Form::Chroma(LuminanceTerm { degree: luminance_degree, activation });
+                Component::alone(Light { degree: chroma_degree, form })
             }
             Self::Mix(mix) => mix.component(index),
         }
@@ -120,7 +129,7 @@ impl ColorModel {
     /// [`EngineError::Invalid`].
     pub fn check_trainable(self) -> Result<(), EngineError> {
         match self {
-            Self::Sh { .. } | Self::Lcd { .. } => Ok(()),
+            Self::Sh { .. } | Self::LogSh { .. } | Self::Lcd { .. } => Ok(()),
             Self::Mix(_) => Err(EngineError::invalid(
                 "the scene is a mix of lights, expected a scene of one light: train the scenes that were mixed, and mix them again",
             )),
@@ -135,7 +144,7 @@ impl ColorModel {
     /// Returns the degree of the RGB or chromaticity harmonics; of a mix, the highest.
     pub fn sh_degree(self) -> usize {
         match self {
-            Self::Sh { degree } => degree.into(),
+            Self::Sh { degree } | Self::LogSh { degree } => degree.into(),
             Self::Lcd { chroma_degree, .. } => chroma_degree.into(),
             Self::Mix(mix) => mix.lights().map(Light::sh_degree).max().unwrap_or(0),
         }
@@ -145,7 +154,7 @@ impl ColorModel {
     /// the highest.
     pub fn luminance_degree(self) -> usize {
         match self {
-            Self::Sh { .. } => 0,
+            Self::Sh { .. } | Self::LogSh { .. } => 0,
             Self::Lcd { luminance_degree, .. } => luminance_degree.into(),
             Self::Mix(mix) => mix.lights().map(Light::luminance_degree).max().unwrap_or(0),
         }
@@ -155,16 +164,16 @@ impl ColorModel {
     /// lights.
     pub fn sh_coefficients(self) -> usize {
         match self {
-            Self::Sh { .. } | Self::Lcd { .. } => sh::coefficients(self.sh_degree()),
+            Self::Sh { .. } | Self::LogSh { .. } | Self::Lcd { .. } => sh::coefficients(self.sh_degree()),
             Self::Mix(mix) => mix.lights().map(Light::sh_coefficients).sum(),
         }
     }
 
-    /// Returns M, the number of values of `Splats::raw_luminance` per splat: 0 for [`Self::Sh`]; of
-    /// a mix, the gain and the raw luminance of each light.
+    /// Returns M, the number of values of `Splats::raw_luminance` per splat: 0 for [`Self::Sh`]
+    /// and [`Self::LogSh`]; of a mix, the gain and the raw luminance of each light.
     pub fn luminance_coefficients(self) -> usize {
         match self {
-            Self::Sh { .. } => 0,
+            Self::Sh { .. } | Self::LogSh { .. } => 0,
             Self::Lcd { luminance_degree, .. } => sh::coefficients(luminance_degree.into()),
             Self::Mix(mix) => mix.lights().map(|light| 1 + light.luminance_coefficients()).sum(),
         }
@@ -180,11 +189,12 @@ impl ColorModel {
         self.components().all(|component| component.light.is_valid())
     }
 
-    /// Returns the short name: `sh3`, `lcd` (chroma degree 3, luminance degree 0, softplus),
+    /// Returns the short name: `sh3`, `logsh3`, `lcd` (chroma degree 3, luminance degree 0, softplus),
     /// `lcd-c2-l1-exp`, `lcd+sh3` for a mix.
     pub fn name(self) -> String {
         match self {
             Self::Sh { degree } => format!("sh{degree}"),
+            Self::LogSh { degree } => format!("logsh{degree}"),
             Self::Lcd { chroma_degree, luminance_degree, activation } => {
                 let mut name = String::from("lcd");
                 if chroma_degree != 3 || luminance_degree != 0 {
@@ -261,7 +271,9 @@ impl ColorModel {
     ///
     /// The chromaticity's DC sums to 1 / C0, so that its normaliser starts at 1.
     pub fn constant(self, rgb: [f32; 3]) -> ([f32; 3], f32) {
-        match self.component(0).light.activation() {
+        let light = self.component(0).light;
+        match light.activation() {
+            None if light.is_log() => (rgb.map(log_constant), 0.0),
             None => (rgb.map(|c| (c - SH_OFFSET) / sh::C0), 0.0),
             Some(activation) => {
                 let rgb = rgb.map(|c| c.max(0.0));
@@ -276,7 +288,7 @@ impl ColorModel {
     /// chromaticity. A mix has gains.
     pub fn separates_luminance(self) -> bool {
         match self {
-            Self::Sh { .. } => false,
+            Self::Sh { .. } | Self::LogSh { .. } => false,
             Self::Lcd { .. } | Self::Mix(_) => true,
         }
     }
@@ -295,6 +307,7 @@ impl ColorModel {
     /// `raw_luminance [M]`.
     ///
     /// - [`Self::Sh`]: k' = f k, and the offset of 1/2 moves into the DC. Exact.
+    /// - [`Self::LogSh`]: ln f is added to the DC. Exact; a factor of 0 leaves 1e-8 or less.
     /// - [`Self::Lcd`]: only the raw luminance changes; chromaticity coefficients stay
     ///   bit-identical. Exact for luminance degree 0, and for every degree with Exp and Relu. With
     ///   Softplus above degree 0, exact to first order in the view-dependent part. A factor of 0

@@ -24,6 +24,9 @@ pub struct View {
     pub noise: Option<NoiseModel>,
     /// Mask; `None` if all pixels count fully.
     pub mask: Option<OnDemand<Mask>>,
+    /// Captured LDR images of the same pose and size, beside radiance; empty unless they are read
+    /// with it.
+    pub recordings: Vec<Self>,
     /// The comparison of renders with the image in training; readers leave the default.
     pub target: Target,
 }
@@ -50,7 +53,7 @@ impl View {
     }
 
     /// Returns the view with image and mask in memory. Those that are read on demand are dropped
-    /// with the result.
+    /// with the result. Recordings stay as they are.
     ///
     /// # Errors
     /// An image or a mask that cannot be read.
@@ -76,6 +79,7 @@ impl View {
             return Err(ViewError::Distorted { view: view() });
         }
         self.camera.validate().map_err(|source| ViewError::Camera { view: view(), source })?;
+        self.validate_recordings()?;
         // Those that are read on demand were checked when they were first read.
         let Some(image_now) = self.image.get() else { return Ok(()) };
         let (image, camera) = ([image_now.width, image_now.height], self.camera.size_px.map(|side| side as usize));
@@ -93,7 +97,23 @@ impl View {
         mask.total().map(|_| ()).ok_or_else(|| ViewError::MaskWeight { view: view() })
     }
 
-    /// Returns the view with its image reduced `factor` times a side by area average over valid
+    /// Checks that the recordings are captured values of the view's pose and size.
+    fn validate_recordings(&self) -> Result<(), ViewError> {
+        for recording in &self.recordings {
+            recording.validate()?;
+            let sizes = [recording.camera.size_px, self.camera.size_px];
+            if sizes[0] != sizes[1] {
+                let [recording_px, view_px] = sizes;
+                return Err(ViewError::RecordingSize { view: self.name.clone(), recording: recording.name.clone(), recording_px, view_px });
+            }
+            if !matches!(recording.values, PixelValues::Recorded { exposure_s } if exposure_s.is_normal() && exposure_s > 0.0) {
+                return Err(ViewError::RecordingExposure { view: self.name.clone(), recording: recording.name.clone() });
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns the view without recordings and with its image reduced `factor` times a side by area average over valid
     /// pixels, in linear light.
     ///
     /// A reduced pixel is valid if at least one of its pixels and at least the part `min_valid` (0
@@ -129,7 +149,8 @@ impl View {
         self.values.from_light(&mut image);
         let mask = weights.iter().any(|weight| *weight < 1.0).then(|| Mask { weights }.into());
         let noise = self.noise.map(|model| model.averaged(factor * factor));
-        Self { name: self.name.clone(), camera, image: image.into(), values: self.values, noise, mask, target: self.target }
+        let (name, recordings) = (self.name.clone(), Vec::new());
+        Self { name, camera, image: image.into(), values: self.values, noise, mask, recordings, target: self.target }
     }
 }
 
@@ -238,6 +259,7 @@ mod tests {
             values: PixelValues::Radiance,
             noise: None,
             mask: mask.map(|valid| Mask::from_valid(valid).into()),
+            recordings: Vec::new(),
             target: Target::default(),
         }
     }
@@ -274,6 +296,24 @@ mod tests {
             let mut view = good.clone();
             break_it(&mut view);
             assert_eq!(view.validate().unwrap_err().to_string(), message);
+        }
+    }
+
+    #[test]
+    fn recordings_are_captured_values_of_the_view_s_size() {
+        let recorded =
+            |width, exposure_s| View { values: PixelValues::Recorded { exposure_s }, name: "ramp_0".into(), ..view(width, 3, None) };
+        let pair = |recording| View { recordings: vec![recording], ..view(4, 3, None) }.validate();
+        assert_eq!(pair(recorded(4, 0.5)), Ok(()));
+        for (recording, message) in [
+            (recorded(5, 0.5), "view ramp: its captured image ramp_0 is 5 x 3, expected 4 x 3"),
+            (recorded(4, 0.0), "view ramp: its captured image ramp_0 has no exposure, expected seconds above 0"),
+            (
+                View { name: "ramp_0".into(), ..view(4, 3, None) },
+                "view ramp: its captured image ramp_0 has no exposure, expected seconds above 0",
+            ),
+        ] {
+            assert_eq!(pair(recording).unwrap_err().to_string(), message);
         }
     }
 

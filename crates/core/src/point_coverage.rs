@@ -121,6 +121,7 @@ mod tests {
             values: PixelValues::Radiance,
             noise: None,
             mask: None,
+            recordings: Vec::new(),
             target: Target::default(),
         };
         x.iter().map(view).collect()

@@ -1,10 +1,10 @@
 //! Conversion of a scene to another colour model: geometry stays, colours are approximated.
 //!
 //! In: splats. Out: splats of the new model, of the nearest colours it can represent. Degenerate:
-//! there is no conversion from [`ColorModel::Lcd`] or [`ColorModel::Mix`] to another model, nor to
-//! a mix.
+//! there is no conversion from [`ColorModel::Lcd`] or [`ColorModel::Mix`] to another model, from
+//! [`ColorModel::LogSh`] to anything but another degree, nor to a mix.
 
-use crate::sh::{self, C0};
+use crate::sh::C0;
 use crate::{ColorModel, SH_OFFSET, Splats};
 
 /// Lower bound of the channels of a splat's mean colour, so that the gradient of each channel's
@@ -16,8 +16,10 @@ impl Splats {
     /// anything else, because products of luminance and chromaticity are not harmonics, and to a
     /// mix.
     ///
-    /// - [`ColorModel::Sh`] to another degree: higher coefficients are dropped, missing ones are
-    ///   zero.
+    /// - [`ColorModel::Sh`] and [`ColorModel::LogSh`] to another degree: higher coefficients are
+    ///   dropped, missing ones are zero.
+    /// - [`ColorModel::Sh`] to [`ColorModel::LogSh`]: exact for the constant term, and of the
+    ///   others to first order. Channels of the constant term below 0.01 count as 0.01.
     /// - [`ColorModel::Sh`] to [`ColorModel::Lcd`]: the luminance is R + G + B of the constant
     ///   term, in every direction. The chromaticity is that of the harmonics in every direction, up
     ///   to its degree and the floor [`crate::DEAD_CHROMA_FLOOR`]. Channels of the constant term
@@ -26,24 +28,32 @@ impl Splats {
         if color_model == self.color_model {
             return Some(self.clone());
         }
-        let (ColorModel::Sh { .. }, Some(_)) = (self.color_model, color_model.single()) else { return None };
+        let converts = match self.color_model {
+            ColorModel::Sh { .. } => color_model.single().is_some(),
+            ColorModel::LogSh { .. } => matches!(color_model, ColorModel::LogSh { .. }),
+            ColorModel::Lcd { .. } | ColorModel::Mix(_) => false,
+        };
+        if !converts {
+            return None;
+        }
+        let is_cut = matches!(color_model, ColorModel::Sh { .. }) || matches!(self.color_model, ColorModel::LogSh { .. });
         let mut splats = Self { color_model, sh: Vec::new(), raw_luminance: Vec::new(), ..self.clone() };
         splats.sh.reserve_exact(self.len() * 3 * color_model.sh_coefficients());
         for i in 0..self.len() {
             let from = self.sh_of(i);
-            let (dc, raw_luminance, scale) = match color_model.separates_luminance() {
-                false => ([from[0], from[1], from[2]], 0.0, 1.0),
-                true => {
-                    let rgb = [0, 1, 2].map(|c| (C0 * from[c] + SH_OFFSET).max(DARKEST));
-                    let (dc, raw_luminance) = color_model.constant(rgb);
-                    // The response is the harmonics' radiance divided by the luminance; the
-                    // normaliser removes the rest.
-                    (dc, raw_luminance, 1.0 / rgb.iter().sum::<f32>())
-                }
+            let rgb = [0, 1, 2].map(|c| (C0 * from[c] + SH_OFFSET).max(DARKEST));
+            let constant = color_model.constant(rgb);
+            let (dc, raw_luminance, scale) = match color_model {
+                _ if is_cut => ([from[0], from[1], from[2]], 0.0, [1.0; 3]),
+                // ln(c + d) = ln c + d / c to first order.
+                ColorModel::LogSh { .. } => (constant.0, 0.0, rgb.map(f32::recip)),
+                // The response is the harmonics' radiance divided by the luminance; the normaliser
+                // removes the rest.
+                _ => (constant.0, constant.1, [1.0 / rgb.iter().sum::<f32>(); 3]),
             };
             splats.sh.extend(dc);
-            let rest = from[3..].iter().map(|k| k * scale).chain(std::iter::repeat(0.0));
-            splats.sh.extend(rest.take(3 * (color_model.sh_coefficients() - sh::coefficients(0))));
+            let rest = from[3..].iter().enumerate().map(|(i, k)| k * scale[i % 3]).chain(std::iter::repeat(0.0));
+            splats.sh.extend(rest.take(3 * (color_model.sh_coefficients() - 1)));
             let luminance = std::iter::once(raw_luminance).chain(std::iter::repeat(0.0));
             splats.raw_luminance.extend(luminance.take(color_model.luminance_coefficients()));
         }
@@ -100,6 +110,25 @@ mod tests {
         }
         assert_eq!(sh5.with_color_model(sh3.color_model).unwrap(), sh3);
         sh5.validate().unwrap();
+    }
+
+    #[test]
+    fn small_view_dependence_survives_the_logarithm() {
+        let mut sh = synthetic::room(50, 5);
+        let k = 3 * sh.color_model.sh_coefficients();
+        for splat in sh.sh.chunks_exact_mut(k) {
+            splat[..3].iter_mut().for_each(|dc| *dc = dc.abs());
+            splat[3..].iter_mut().for_each(|k| *k *= 0.05);
+        }
+        let log = sh.with_color_model(ColorModel::LogSh { degree: 3 }).unwrap();
+        log.validate().unwrap();
+        for (i, direction) in (0..sh.len()).flat_map(|i| DIRECTIONS.map(|d| (i, d))) {
+            let (from, to) = (sh.radiance(i, direction), log.radiance(i, direction));
+            (0..3).for_each(|c| assert!((to[c] / from[c] - 1.0).abs() < 2e-3, "splat {i}: {to:?} {from:?}"));
+        }
+        assert_eq!(log.with_color_model(sh.color_model), None);
+        let low = log.with_color_model(ColorModel::LogSh { degree: 1 }).unwrap();
+        assert_eq!(low.sh_of(7), &log.sh_of(7)[..12]);
     }
 
     #[test]

@@ -40,6 +40,26 @@ pub enum ViewError {
         /// Number of pixels that its size implies.
         expected: usize,
     },
+    /// A captured image beside the view's radiance is not of its size.
+    #[error("view {view}: its captured image {recording} is {} x {}, expected {} x {}", recording_px[0], recording_px[1], view_px[0], view_px[1])]
+    RecordingSize {
+        /// Name of the view.
+        view: String,
+        /// Name of the captured image.
+        recording: String,
+        /// Width and height of the captured image, pixels.
+        recording_px: [u32; 2],
+        /// Width and height of the view, pixels.
+        view_px: [u32; 2],
+    },
+    /// An image beside the view's radiance is not one of captured values of a known exposure.
+    #[error("view {view}: its captured image {recording} has no exposure, expected seconds above 0")]
+    RecordingExposure {
+        /// Name of the view.
+        view: String,
+        /// Name of the image.
+        recording: String,
+    },
     /// The mask is not of the image's size.
     #[error("view {view}: mask holds {found} pixels, the image {expected}")]
     MaskSize {

@@ -59,6 +59,7 @@ impl Session {
                 values: PixelValues::Radiance,
                 noise: None,
                 mask: None,
+                recordings: Vec::new(),
                 target: Target::default(),
             },
             render,

@@ -16,7 +16,7 @@ use std::sync::Arc;
 
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
-use luxel_core::engine::{DeepImage, DensifyPlan, DensifyStats, Evaluations, Geometry, SparseGradients, StepConfig};
+use luxel_core::engine::{DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, SparseGradients, StepConfig};
 use luxel_core::{Camera, Engine, EngineError, Image, Layers, Moments, PassTime, Remedy, RenderOptions, Splats, StepReport, View};
 
 use self::screens::SpareBuffers;
@@ -221,6 +221,14 @@ impl Engine for CpuEngine {
         gradients.check(layout, count)?;
         self.pool.install(|| self.state.apply_gradients(gradients, step));
         Ok(())
+    }
+
+    fn splats(&mut self) -> Result<Splats, EngineError> {
+        Ok(self.pool.install(|| self.state.splats()))
+    }
+
+    fn differentiable(&self) -> Option<&dyn Differentiable> {
+        Some(self)
     }
 
     fn check_finite(&mut self) -> Result<(), EngineError> {

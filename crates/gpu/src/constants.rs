@@ -111,6 +111,7 @@ pub(crate) fn model_constants(model: ColorModel, light: usize, update: Update) -
     }
     declare(&mut text, "ACTIVATION", "u32", activation);
     declare(&mut text, "IS_LCD", "bool", &light.activation().is_some().to_string());
+    declare(&mut text, "IS_LOG", "bool", &light.is_log().to_string());
     declare(&mut text, "HAS_GAIN", "bool", &gain.is_some().to_string());
     declare(&mut text, "ONLY_GRADIENTS", "bool", &(update == Update::OnlyGradients).to_string());
     declare(&mut text, "ONLY_CAMERA", "bool", &(update == Update::OnlyCamera).to_string());

@@ -213,7 +213,8 @@ mod tests {
         let mut models: Vec<ColorModel> = (0..=5).map(|degree| ColorModel::Sh { degree }).collect();
         models.extend([lcd(0, 0, Activation::Softplus), lcd(3, 0, Activation::Softplus)]);
         models.extend([lcd(5, 3, Activation::Exp), lcd(1, 2, Activation::Relu), lcd(0, 3, Activation::Softplus)]);
-        models.extend(Mix::new([models[3], models[6], models[8]]).map(ColorModel::Mix));
+        models.extend([0, 3].map(|degree| ColorModel::LogSh { degree }));
+        models.extend(Mix::new([models[3], models[6], models[8], models[12]]).map(ColorModel::Mix));
         let mut kernels = vec![
             KernelId::SortCount,
             KernelId::SortScan,

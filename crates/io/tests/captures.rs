@@ -404,3 +404,88 @@ fn repacked_scenes_give_recordings_with_and_without_ground_truth() {
     scene.flat("exr/1.exr", 3.0);
     assert_eq!(names(&scene.read(&as_hdr_gs()).unwrap().test), ["exr/1"]);
 }
+
+/// HDR-NeRF's layout with radiance and three captured images of each of two training poses.
+fn pairs() -> TestScene {
+    let scene = TestScene::new();
+    let frame = |part: &str, pose: usize, k: usize, x: f64| {
+        format!(r#"{{"file_path": "{part}/r_{pose}_{k}", "transform_matrix": [[1,0,0,{x}],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}}"#)
+    };
+    let mut frames = Vec::new();
+    for pose in 0..2 {
+        scene.flat(&format!("train_hdr/hdr_{pose:03}.exr"), 0.5 + pose as f32);
+        for k in 0..3 {
+            scene.grey(&format!("train/r_{pose}_{k}.png"), 40 + 60 * k as u8);
+            frames.push(frame("train", pose, k, pose as f64));
+        }
+    }
+    scene.flat("test_hdr/hdr_000.exr", 0.7);
+    let file = |frames: &[String]| format!("{{{LENS}, \"frames\": [{}]}}", frames.join(", "));
+    scene.write("transforms_train.json", file(&frames));
+    scene.write("transforms_test.json", file(&[frame("test", 0, 0, 0.5)]));
+    let exposure = |pose: usize| format!(r#""r_{pose}_0.png": 0.5, "r_{pose}_1.png": 2, "r_{pose}_2.png": 8"#);
+    scene.write("exposure_train.json", format!("{{{}, {}}}", exposure(0), exposure(1)));
+    scene
+}
+
+fn both(exposures: Exposures) -> LoadOptions {
+    LoadOptions { supervision: Supervision::Both, exposures, ..LoadOptions::default() }
+}
+
+#[test]
+fn radiance_has_the_captured_images_of_its_pose_beside_it() {
+    let scene = pairs();
+    let data = scene.read(&both(Exposures::All)).unwrap();
+    let radiance = scene.read(&LoadOptions::default()).unwrap();
+    assert_eq!((names(&data.train), names(&data.test)), (names(&radiance.train), names(&radiance.test)));
+    assert_ne!(data.fingerprint, radiance.fingerprint);
+    for (pose, view) in data.train.iter().enumerate() {
+        assert!((view.image.pixels[0][0] - (0.5 + pose as f32)).abs() < 1e-3 && view.values == PixelValues::Radiance);
+        let expected: Vec<String> = (0..3).map(|k| format!("train/r_{pose}_{k}")).collect();
+        assert_eq!(names(&view.recordings), expected.iter().map(String::as_str).collect::<Vec<_>>());
+        assert_eq!(view.recordings.iter().map(recorded).collect::<Vec<_>>(), [Some(0.5), Some(2.0), Some(8.0)]);
+        assert!((view.recordings[1].image.pixels[0][0] - 100.0 / 255.0).abs() < 1e-6);
+    }
+    assert!(data.test[0].recordings.is_empty() && radiance.train[0].recordings.is_empty());
+    let some = scene.read(&both(Exposures::Of(vec![0, 2]))).unwrap();
+    assert_eq!(some.train[1].recordings.iter().map(recorded).collect::<Vec<_>>(), [Some(0.5), Some(8.0)]);
+    let half = scene.read(&LoadOptions { downscale: 2, ..both(Exposures::Single) }).unwrap();
+    assert_eq!((half.train[0].recordings.len(), half.train[0].recordings[0].camera.size_px), (1, [8, 4]));
+}
+
+#[test]
+fn pairs_that_are_not_whole_are_refused() {
+    let scene = pairs();
+    scene.write("exposure_train.json", r#"{"r_0_0.png": 0.5, "r_0_1.png": 2, "r_0_2.png": 8, "r_1_0.png": 0.5, "r_1_1.png": 2}"#);
+    let error = scene.error(&both(Exposures::All));
+    assert!(error.contains("2 captured images of known exposure of view train_hdr/hdr_001, other views have 3"), "{error}");
+    let scene = pairs();
+    image::RgbaImage::new(8, 8).save(scene.path().join("train/r_1_2.png")).unwrap();
+    assert!(scene.error(&both(Exposures::All)).contains("8 x 8"));
+    let scene = pairs();
+    std::fs::remove_file(scene.path().join("train_hdr/hdr_001.exr")).unwrap();
+    assert!(scene.error(&both(Exposures::All)).contains("hdr_001.exr does not exist"));
+    let plain = two_with_masks("masks");
+    let error = plain.read(&both(Exposures::All)).unwrap_err();
+    assert!(error.to_string().contains("no captured LDR images with exposures beside the radiance"), "{error}");
+}
+
+#[test]
+fn frames_of_one_pose_in_a_transforms_json_are_pairs() {
+    let scene = TestScene::new();
+    let mut frames = Vec::new();
+    for (name, x) in [("a", 0.0), ("b", 1.0)] {
+        scene.flat(&format!("images/{name}.exr"), 1.0);
+        scene.grey(&format!("images/{name}_0.png"), 90);
+        frames.push((format!("images/{name}.exr"), x, ""));
+        frames.push((format!("images/{name}_0.png"), x, ", \"exposure\": 0.25"));
+    }
+    let given: Vec<(&str, f64, &str)> = frames.iter().map(|(file, x, more)| (file.as_str(), *x, *more)).collect();
+    scene.write("transforms.json", transforms(&given));
+    split(&scene, &["images/a", "images/b"], &[]);
+    let data = scene.read(&both(Exposures::All)).unwrap();
+    assert_eq!(names(&data.train), ["images/a", "images/b"]);
+    assert_eq!(recorded(&data.train[1].recordings[0]), Some(0.25));
+    scene.write("transforms.json", transforms(&given[1..]));
+    assert!(scene.error(&both(Exposures::All)).contains("no radiance image has the pose of the captured image"));
+}

@@ -2,7 +2,7 @@
 //!
 //! In: a [`Device`] and a number of threads; out: an engine without a scene, and words for where it
 //! runs. `Auto` takes a real GPU if there is one that works, and the CPU otherwise; captured LDR
-//! images are trained on the CPU, the only engine that finds a camera's response.
+//! images and methods on pairs are trained on the CPU, the only engine for them.
 
 use std::error::Error as _;
 use std::fmt;
@@ -140,13 +140,13 @@ impl SelectedEngine {
         Self::open_with(options, InstructionSet::Best)
     }
 
-    /// Opens the engine for training. `learns_response` is set where a camera's response is found
-    /// beside the scene, which only the CPU engine does.
+    /// Opens the engine for training. `needs_cpu` is set for what the CPU engine alone does: find a
+    /// camera's response beside the scene, and steps of methods on pairs.
     ///
     /// # Errors
     /// As [`Self::open`].
-    pub fn for_training(options: &DeviceOptions, learns_response: bool) -> Result<Self> {
-        if learns_response && options.device == Device::Auto {
+    pub fn for_training(options: &DeviceOptions, needs_cpu: bool) -> Result<Self> {
+        if needs_cpu && options.device == Device::Auto {
             return cpu(threads(options)?, InstructionSet::Best, None);
         }
         Self::open(options)

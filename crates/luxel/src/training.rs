@@ -114,7 +114,7 @@ impl<'a> TrainingBuilder<'a> {
     /// Settings out of range, a data set without training views, a device that is not there.
     pub fn start(self) -> Result<Training> {
         let config = self.resolved();
-        let engine = open_engine(self.dataset, &self.device)?;
+        let engine = open_engine(self.dataset, &self.device, config.method)?;
         let trainer = match self.from {
             None => Trainer::new(self.dataset, config, engine),
             Some(scene) => Trainer::from_scene(self.dataset, scene, config, engine),
@@ -131,7 +131,8 @@ impl<'a> TrainingBuilder<'a> {
     pub fn resume(self, checkpoint: impl AsRef<Path>) -> Result<Training> {
         let path = checkpoint.as_ref();
         let snapshot = luxel_io::read_checkpoint(path).context("cannot read the checkpoint")?;
-        let engine = open_engine(self.dataset, &self.device)?;
+        let method = luxel_train::snapshot_method(&snapshot)?;
+        let engine = open_engine(self.dataset, &self.device, method)?;
         let mut trainer = Trainer::resume(self.dataset, snapshot, engine).with_context(|| format!("{}: cannot resume", path.display()))?;
         if let Some(steps) = self.steps {
             let made = trainer.iteration();
@@ -155,9 +156,9 @@ impl<'a> TrainingBuilder<'a> {
     }
 }
 
-fn open_engine(dataset: &Dataset, device: &DeviceOptions) -> Result<Box<dyn luxel_core::Engine>> {
+fn open_engine(dataset: &Dataset, device: &DeviceOptions, method: Method) -> Result<Box<dyn luxel_core::Engine>> {
     let learns_response = dataset.train.iter().any(|view| view.values != luxel_core::PixelValues::Radiance);
-    Ok(SelectedEngine::for_training(device, learns_response)?.engine)
+    Ok(SelectedEngine::for_training(device, learns_response || method.trains_on_pairs())?.engine)
 }
 
 /// A training in progress: an iterator of steps, which may move to another thread.

@@ -104,7 +104,8 @@ mod tests {
             projection: CameraProjection::Pinhole,
         };
         let image = Image::from_pixels(20, 20, pixels).unwrap().into();
-        View { name: "a".into(), camera, image, values: PixelValues::Radiance, noise: None, mask: None, target: Target::default() }
+        let (recordings, target) = (Vec::new(), Target::default());
+        View { name: "a".into(), camera, image, values: PixelValues::Radiance, noise: None, mask: None, recordings, target }
     }
 
     #[test]

@@ -83,8 +83,8 @@ fn message(error: SplatsError) -> String {
     }
 }
 
-/// Returns the colour model of this name, as scene files and reports name it: `sh3`, `lcd`,
-/// `lcd-c2-l1-exp`, and with `+` between them for a mix of lights.
+/// Returns the colour model of this name, as scene files and reports name it: `sh3`, `logsh3`,
+/// `lcd`, `lcd-c2-l1-exp`, and with `+` between them for a mix of lights.
 pub(crate) fn color_model(name: &str) -> PyResult<ColorModel> {
     if !name.contains('+') {
         return color_model_of_light(name);
@@ -96,7 +96,11 @@ pub(crate) fn color_model(name: &str) -> PyResult<ColorModel> {
 }
 
 fn color_model_of_light(name: &str) -> PyResult<ColorModel> {
-    let unknown = || invalid(format!("color_model: found {name:?}, expected \"sh0\" to \"sh5\", \"lcd\" or \"lcd-c3-l0-softplus\""));
+    let unknown = || {
+        invalid(format!(
+            "color_model: found {name:?}, expected \"sh0\" to \"sh5\", \"logsh0\" to \"logsh5\", \"lcd\" or \"lcd-c3-l0-softplus\""
+        ))
+    };
     let degree = |text: &str| text.parse::<u8>().map_err(|_| unknown());
     let mut parts = name.split('-');
     let model = match parts.next() {
@@ -114,6 +118,7 @@ fn color_model_of_light(name: &str) -> PyResult<ColorModel> {
             }
             ColorModel::Lcd { chroma_degree, luminance_degree, activation }
         }
+        Some(log) if log.starts_with("logsh") => ColorModel::LogSh { degree: degree(&log["logsh".len()..])? },
         Some(sh) => ColorModel::Sh { degree: degree(sh.strip_prefix("sh").ok_or_else(unknown)?)? },
         None => return Err(unknown()),
     };

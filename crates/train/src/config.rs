@@ -11,7 +11,9 @@ mod range;
 mod spec;
 mod validate;
 
-pub use choices::{BatchRule, CutoffPreset, ExposureCompensation, Freeze, Method, NamedChoice, Preset, ScaleRule, Strategy};
+pub use choices::{
+    BatchRule, CutoffPreset, ExposureCompensation, Freeze, HdrNormalisation, Method, NamedChoice, Preset, ScaleRule, Strategy,
+};
 pub use options::{OPTIONS, TrainConfig};
 pub use range::Range;
 pub use spec::{Condition, OptionSpec, ValueHelp};
@@ -71,6 +73,7 @@ impl TrainConfig {
     /// Returns the colour model that `method` and the options beside it make up.
     pub fn color_model(&self) -> ColorModel {
         match self.sh_degree() {
+            _ if matches!(self.method, Method::LogSh3 | Method::HdrGs) => ColorModel::LogSh { degree: 3 },
             Some(degree) => ColorModel::Sh { degree },
             None => ColorModel::Lcd {
                 chroma_degree: self.chroma_degree.unwrap_or(3),
@@ -82,7 +85,7 @@ impl TrainConfig {
 
     fn sh_degree(&self) -> Option<u8> {
         match self.method {
-            Method::Lcd => None,
+            Method::Lcd | Method::LogSh3 | Method::HdrGs => None,
             Method::Sh0 => Some(0),
             Method::Sh1 => Some(1),
             Method::Sh2 => Some(2),
@@ -95,6 +98,8 @@ impl TrainConfig {
     /// Returns the settings of the rasteriser at the end of training.
     pub fn raster(&self) -> RasterConfig {
         let cutoffs = match self.cutoffs {
+            // Their rasteriser's cut-offs depend on no colour, as each splat has two.
+            _ if self.method.trains_on_pairs() => Cutoffs::PARITY,
             CutoffPreset::Hdr => Cutoffs::HDR,
             CutoffPreset::Parity => Cutoffs::PARITY,
         };

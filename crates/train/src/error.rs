@@ -83,6 +83,16 @@ pub enum TrainError {
         /// The exposure found, in seconds.
         exposure_s: f32,
     },
+    /// The method trains on radiance and captured images of the same poses.
+    #[error("method {method}: view {view} {reason}")]
+    NeedsPairs {
+        /// Name of the method.
+        method: &'static str,
+        /// Name of the view.
+        view: String,
+        /// Property found, and the one expected.
+        reason: &'static str,
+    },
     /// The optimisation diverged.
     #[error("step {step}: the loss on view {view} is not finite")]
     NotFinite {
@@ -148,6 +158,7 @@ impl TrainError {
             Self::Scene { remedy, .. } => remedy.as_ref(),
             Self::AllBlack => Some(&ALL_BLACK),
             Self::MixedValues { .. } => Some(&MIXED_VALUES),
+            Self::NeedsPairs { .. } => Some(&NEEDS_PAIRS),
             Self::NotFinite { .. } => Some(&NOT_FINITE),
             Self::NotFiniteSplat { .. } => Some(&NOT_FINITE_SPLAT),
             Self::AllPruned { .. } => Some(&ALL_PRUNED),
@@ -174,6 +185,7 @@ impl TrainError {
 }
 
 static ALL_BLACK: LazyLock<Remedy> = LazyLock::new(|| Remedy::advice("check the images").or(Remedy::give("radiance_scale")));
+static NEEDS_PAIRS: LazyLock<Remedy> = LazyLock::new(|| Remedy::set("supervision", "both").or(Remedy::set("method", "logsh3")));
 static MIXED_VALUES: LazyLock<Remedy> =
     LazyLock::new(|| Remedy::give("supervision").or(Remedy::advice("move the images of the other kind out of the data set")));
 static NOT_FINITE: LazyLock<Remedy> = LazyLock::new(|| {

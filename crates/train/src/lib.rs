@@ -18,6 +18,7 @@ mod gains;
 mod init;
 mod lenses;
 mod neighbourhood;
+mod peers;
 mod pixel_weights;
 mod poses;
 mod recorded;
@@ -37,20 +38,21 @@ mod views;
 mod vignetting;
 
 pub use config::{
-    BatchRule, Condition, CutoffPreset, ExposureCompensation, Freeze, MAX_BATCH, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS, Method, Misplaced,
-    NamedChoice, OPTIONS, OptionSpec, Preset, Range, ScaleRule, Strategy, TrainConfig, ValueHelp, parse_rgb,
+    BatchRule, Condition, CutoffPreset, ExposureCompensation, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS,
+    Method, Misplaced, NamedChoice, OPTIONS, OptionSpec, Preset, Range, ScaleRule, Strategy, TrainConfig, ValueHelp, parse_rgb,
 };
 pub use contribution::add_contribution;
 pub use error::TrainError;
 pub use init::{Initial, first_colors_bytes, initialise, radiance_scale_of};
 pub use neighbourhood::Neighbourhood;
+pub use peers::ToneMapperRecord;
 pub use pixel_weights::NoiseChoice;
 pub use poses::{ALIGNMENT_STEPS, AlignmentScene, PoseChange, PoseReport, align_camera, pose_change};
 pub use reduce::RankViews;
 pub use resolution::{ResolutionSchedule, Stage};
 pub use schedule::{ABSGRAD_OPACITY_CAP, RESET_OPACITY, Schedule};
 pub use smoothing::smoothing;
-pub use state::{snapshot_response, snapshot_vignetting};
+pub use state::{snapshot_method, snapshot_response, snapshot_vignetting};
 pub use trainer::Trainer;
 pub use vignetting::LensVignetting;
 

@@ -10,11 +10,12 @@ use crate::camera_response::CameraResponse;
 use crate::config::ExposureCompensation;
 use crate::crop::Crop;
 use crate::gains::Gains;
+use crate::peers::SharedNetworks;
 use crate::poses::{Corrections, Poses};
 use crate::recorded::is_recorded;
 use crate::view_order::{Cursors, first_order};
 use crate::vignetting::{LensVignetting, Lenses, Vignettings};
-use crate::{TrainConfig, TrainError};
+use crate::{Method, TrainConfig, TrainError};
 
 /// Version of the format of [`State`]; a state of another version is refused with a clear message.
 const VERSION: u32 = 3;
@@ -52,6 +53,9 @@ pub(crate) struct State {
     /// Vignetting of the training images' lenses; `None` if it is not optimised.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) vignetting: Option<Vignettings>,
+    /// Networks that all splats share; `None` for methods without any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) networks: Option<SharedNetworks>,
     /// Corrections of the training images' poses; `None` if they are fixed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) poses: Option<Corrections>,
@@ -99,6 +103,7 @@ impl State {
             gains,
             response,
             vignetting: config.vignetting.then(|| Vignettings::none(&Lenses::new(dataset))),
+            networks: SharedNetworks::new(&config, dataset),
             poses: config.refine_poses.then(|| Corrections::none(&poses_of(dataset, extent), config.refine_focal)),
             clearances,
             order,
@@ -179,6 +184,7 @@ impl State {
         if state.vignetting.is_some() != state.config.vignetting {
             return Err(TrainError::State("vignetting is missing, or is there without being asked for".to_owned()));
         }
+        SharedNetworks::validate(state.networks.as_ref(), &state.config)?;
         if let Some(corrections) = &state.poses {
             corrections.validate(&poses_of(dataset, state.extent), state.config.refine_focal)?;
         }
@@ -210,6 +216,14 @@ impl State {
         }
         Ok(state)
     }
+}
+
+/// Returns the method of the run that a snapshot was taken of.
+///
+/// # Errors
+/// Returns [`TrainError::State`] if the state cannot be read.
+pub fn snapshot_method(snapshot: &Snapshot) -> Result<Method, TrainError> {
+    Ok(State::parse(&snapshot.state_json)?.config.method)
 }
 
 /// Returns the camera's response in a snapshot, or `None` if the run trains on radiance.

@@ -37,6 +37,7 @@ pub(crate) fn view_of(name: &str, camera: Camera, image: Image) -> View {
         values: PixelValues::Radiance,
         noise: None,
         mask: None,
+        recordings: Vec::new(),
         target: Target::default(),
     }
 }

@@ -14,6 +14,7 @@ mod average;
 mod batch;
 mod densify;
 mod health;
+mod pairs;
 mod poses;
 mod scene_start;
 mod start;

@@ -41,6 +41,7 @@ use rayon::prelude::*;
 
 use crate::ahead::{Ahead, Key, Wanted};
 use crate::crop::{Crop, cropped, draw, gradient_factor};
+use crate::peers::turn;
 use crate::pixel_weights::{NoiseChoice, ToneScale, weighted};
 use crate::resolution::{Stage, factor_at};
 
@@ -173,6 +174,22 @@ impl TrainingViews {
         let Some(view) = view else { return Ok(None) };
         show(view, target, moved);
         Ok(Some(view))
+    }
+
+    /// Returns the captured image beside view `index` that `step` sees, at its resolution; `None`
+    /// if there is none.
+    ///
+    /// # Errors
+    /// An image that cannot be read.
+    pub(crate) fn recording_at(&self, step: u32, index: usize, crop: Option<Crop>) -> Result<Option<View>, ReadError> {
+        let Some(full) = self.full.get(index) else { return Ok(None) };
+        let Some(recording) = full.recordings.get(turn(step, index, self.full.len(), full.recordings.len())) else { return Ok(None) };
+        let (recording, factor) = (recording.loaded()?, self.factor(step));
+        let recording = if factor == 1 { recording } else { recording.downscaled(factor, MIN_VALID) };
+        Ok(Some(match crop {
+            Some(crop) => cropped(&recording, draw(&recording, crop)),
+            None => recording,
+        }))
     }
 
     /// Asks for the view of the next step in advance, where images are read on demand.

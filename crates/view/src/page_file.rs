@@ -83,6 +83,7 @@ fn data_address(jpeg: &[u8]) -> String {
 pub fn limit_degree(splats: &mut Splats, most: u8) {
     let color_model = match splats.color_model {
         ColorModel::Sh { degree } => ColorModel::Sh { degree: degree.min(most) },
+        ColorModel::LogSh { degree } => ColorModel::LogSh { degree: degree.min(most) },
         ColorModel::Lcd { chroma_degree, luminance_degree, activation } => {
             ColorModel::Lcd { chroma_degree: chroma_degree.min(most), luminance_degree: luminance_degree.min(most), activation }
         }

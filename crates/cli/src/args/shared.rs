@@ -29,11 +29,12 @@ pub(crate) struct LoadArgs {
     /// Reduce images by this factor along each side, by area average in linear light.
     #[arg(long, default_value = "1", value_parser = parse_downscale, value_name = "1|2|4|8", help_heading = "Data set")]
     pub(crate) downscale: u32,
-    /// Train on radiance, or on captured LDR images with their exposures.
+    /// Train on radiance, on captured LDR images with their exposures, or on both; methods that
+    /// train on both imply it.
     #[arg(long, value_enum, default_value_t, value_name = "KIND", help_heading = "Data set")]
     pub(crate) supervision: SupervisionArg,
-    /// Exposures of each pose to train on with --supervision ldr: all, single (one a pose, in
-    /// turn), or numbers counted from the shortest, such as 0,2,4.
+    /// Exposures of each pose to train on with --supervision ldr or both: all, single (one a pose,
+    /// in turn), or numbers counted from the shortest, such as 0,2,4.
     #[arg(long, default_value_t, value_name = "WHICH", help_heading = "Data set")]
     pub(crate) exposures: Exposures,
     /// Masks, white where pixels count and black where they do not: auto (mask_path of

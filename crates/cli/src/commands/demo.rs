@@ -10,7 +10,7 @@ use luxel::run::{Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLoc
 use luxel::{LoadOptions, files, output};
 use luxel_core::tone::Tonemap;
 use luxel_core::{Dataset, RadianceScale, View, luminance_rec709};
-use luxel_train::{TrainConfig, Trainer};
+use luxel_train::{NamedChoice, TrainConfig, Trainer};
 use serde_json::json;
 
 use crate::args::DemoArgs;
@@ -43,6 +43,9 @@ pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
     output::check_folder_name(&args.output, &output::RESULT_EXTENSIONS)?;
     let folder = RunFolder::at(&args.output);
     may_replace(&folder)?;
+    if args.method.trains_on_pairs() {
+        bail!("--method {}: the demo's data set has no captured images beside its radiance; choose another method", args.method.name());
+    }
     let config = config(args);
     // A missing device must not cost the results of an earlier demo.
     let engine = training_engine(&config)?;

@@ -139,6 +139,7 @@ fn resolve(args: &TrainArgs, explicit: &ExplicitArgs, occupant: Occupant, ranks:
         return Ok(Start::Resume(RunConfig { dataset, made_by, ..config }));
     }
     let mut config = from_command_line(args, explicit)?;
+    config.imply_supervision(explicit);
     if config.train.batch == 1 && !explicit.contains("batch") {
         config.train.batch = u32::try_from(ranks).unwrap_or(MAX_BATCH);
     }

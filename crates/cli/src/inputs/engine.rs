@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, ensure};
 use luxel::run::RunConfig;
-use luxel::{DeviceOptions, InstructionSet, SelectedEngine, Supervision};
+use luxel::{Device, DeviceOptions, InstructionSet, SelectedEngine, Supervision};
 
 use crate::args::DeviceArgs;
 
@@ -14,8 +14,13 @@ pub(crate) fn engine(args: &DeviceArgs) -> Result<SelectedEngine> {
 
 /// Opens the engine for training.
 pub(crate) fn training_engine(config: &RunConfig) -> Result<SelectedEngine> {
-    let learns_response = config.load.supervision == Supervision::Ldr;
-    worded(&config.device, SelectedEngine::for_training(&config.device, learns_response))
+    let has_own_steps = config.train.method.trains_on_pairs();
+    let needs_cpu = config.load.supervision == Supervision::Ldr || has_own_steps;
+    let mut selected = worded(&config.device, SelectedEngine::for_training(&config.device, needs_cpu))?;
+    if has_own_steps && config.device.device == Device::Auto {
+        selected.machine += &format!(", the CPU: method {} has no steps on a GPU", config.method_name());
+    }
+    Ok(selected)
 }
 
 /// Opens the engine with a choice among the processor's instruction sets.

@@ -17,23 +17,47 @@ pub(super) struct LuminanceTerm {
     pub(super) activation: Activation,
 }
 
+/// What the harmonics of a light are of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Form {
+    /// Radiance.
+    Linear,
+    /// The logarithm of radiance.
+    Log,
+    /// Chromaticity, beside a luminance.
+    Chroma(LuminanceTerm),
+}
+
 /// A colour model of one light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Light {
-    /// Degree of the harmonics of radiance, or of chromaticity if there is a luminance.
+    /// Degree of the harmonics of radiance, of its logarithm, or of chromaticity.
     pub(super) degree: u8,
-    pub(super) luminance: Option<LuminanceTerm>,
+    pub(super) form: Form,
 }
 
 impl Light {
     /// Returns the light as a colour model of its own.
     pub fn model(self) -> ColorModel {
-        match self.luminance {
-            None => ColorModel::Sh { degree: self.degree },
-            Some(LuminanceTerm { degree, activation }) => {
+        match self.form {
+            Form::Linear => ColorModel::Sh { degree: self.degree },
+            Form::Log => ColorModel::LogSh { degree: self.degree },
+            Form::Chroma(LuminanceTerm { degree, activation }) => {
                 ColorModel::Lcd { chroma_degree: self.degree, luminance_degree: degree, activation }
             }
         }
+    }
+
+    fn luminance(self) -> Option<LuminanceTerm> {
+        match self.form {
+            Form::Linear | Form::Log => None,
+            Form::Chroma(term) => Some(term),
+        }
+    }
+
+    /// Returns whether the harmonics are those of the radiance's logarithm.
+    pub fn is_log(self) -> bool {
+        self.form == Form::Log
     }
 
     /// Returns the degree of the RGB or chromaticity harmonics.
@@ -43,12 +67,12 @@ impl Light {
 
     /// Returns the degree of the luminance's harmonics; 0 without a luminance.
     pub fn luminance_degree(self) -> usize {
-        self.luminance.map_or(0, |term| term.degree.into())
+        self.luminance().map_or(0, |term| term.degree.into())
     }
 
     /// Returns the map of the raw luminance; `None` without a luminance.
     pub fn activation(self) -> Option<Activation> {
-        self.luminance.map(|term| term.activation)
+        self.luminance().map(|term| term.activation)
     }
 
     /// Returns the highest degree of any of its harmonics.
@@ -63,7 +87,7 @@ impl Light {
 
     /// Returns the number of raw luminances, without the gain of a mix; 0 without a luminance.
     pub fn luminance_coefficients(self) -> usize {
-        self.luminance.map_or(0, |term| sh::coefficients(term.degree.into()))
+        self.luminance().map_or(0, |term| sh::coefficients(term.degree.into()))
     }
 
     pub(super) fn is_valid(self) -> bool {
@@ -76,9 +100,10 @@ impl Light {
     pub fn radiance<R: Real>(self, basis: &ColorBasis<R>, sh: impl Fn(usize, usize) -> R, raw_luminance: impl Fn(usize) -> R) -> [R; 3] {
         let response = self.response(basis, &sh);
         let zero = response[0].lift(0.0);
-        match self.luminance {
-            None => each!([0, 1, 2] i => { let s = response[i]; (s + s.lift(SH_OFFSET)).max(zero) }),
-            Some(LuminanceTerm { activation, .. }) => {
+        match self.form {
+            Form::Linear => each!([0, 1, 2] i => { let s = response[i]; (s + s.lift(SH_OFFSET)).max(zero) }),
+            Form::Log => each!([0, 1, 2] i => { let s = response[i]; Activation::Exp.apply(s + s.lift(SH_OFFSET)) }),
+            Form::Chroma(LuminanceTerm { activation, .. }) => {
                 let luminance = activation.apply(self.raw_luminance(basis, &raw_luminance));
                 let (chroma, _) = chromaticity(response);
                 each!([0, 1, 2] i => { let q = chroma[i]; luminance * q })
@@ -101,9 +126,10 @@ impl Light {
         let response = self.response(basis, &sh);
         let zero = response[0].lift(0.0);
         let mut d_basis = [zero; MAX_COEFFICIENTS];
-        let d_response = match self.luminance {
-            None => each!([0, 1, 2] c => (response[c] + zero.lift(SH_OFFSET)).if_positive(d_radiance[c], zero)),
-            Some(LuminanceTerm { activation, .. }) => {
+        let d_response = match self.form {
+            Form::Linear => each!([0, 1, 2] c => (response[c] + zero.lift(SH_OFFSET)).if_positive(d_radiance[c], zero)),
+            Form::Log => each!([0, 1, 2] c => d_radiance[c] * Activation::Exp.derivative(response[c] + zero.lift(SH_OFFSET))),
+            Form::Chroma(LuminanceTerm { activation, .. }) => {
                 let raw = self.raw_luminance(basis, &raw_luminance);
                 let luminance = activation.apply(raw);
                 let (chroma, sum) = chromaticity(response);
@@ -134,26 +160,36 @@ impl Light {
 
     /// Returns R + G + B of the degree-0 terms.
     pub(super) fn base_luminance(self, sh: &[f32], raw_luminance: &[f32]) -> f32 {
-        match self.luminance {
-            None => {
+        match self.form {
+            Form::Linear | Form::Log => {
                 let basis = ColorBasis::new(0, [0.0, 0.0, 1.0]);
                 self.radiance(&basis, |m, c| sh[3 * m + c], |m| raw_luminance[m]).iter().sum()
             }
-            Some(LuminanceTerm { activation, .. }) => activation.apply(raw_luminance[0]),
+            Form::Chroma(LuminanceTerm { activation, .. }) => activation.apply(raw_luminance[0]),
         }
     }
 
     /// Multiplies the radiance by `factor` in every direction: see [`ColorModel::scale_radiance`].
     pub(super) fn scale_radiance(self, sh: &mut [f32], raw_luminance: &mut [f32], factor: f32) {
-        match self.luminance {
-            None => {
+        match self.form {
+            Form::Linear => {
                 let (dc, rest) = sh.split_at_mut(3);
                 // In f64, because the DC of a dark splat nearly cancels the offset.
                 let (factor_exact, offset) = (f64::from(factor), f64::from(SH_OFFSET) / f64::from(sh::C0));
                 dc.iter_mut().for_each(|dc| *dc = (factor_exact * (f64::from(*dc) + offset) - offset) as f32);
                 rest.iter_mut().for_each(|value| *value *= factor);
             }
-            Some(LuminanceTerm { activation, .. }) => scale_luminance(activation, raw_luminance, factor),
+            // Black has no logarithm and is the same in every direction.
+            Form::Log if factor <= 0.0 => {
+                let (dc, rest) = sh.split_at_mut(3);
+                dc.iter_mut().for_each(|dc| *dc = dc.min(log_constant(0.0)));
+                rest.fill(0.0);
+            }
+            Form::Log => {
+                let shift = factor.ln() / sh::C0;
+                sh.iter_mut().take(3).for_each(|dc| *dc += shift);
+            }
+            Form::Chroma(LuminanceTerm { activation, .. }) => scale_luminance(activation, raw_luminance, factor),
         }
     }
 
@@ -192,6 +228,11 @@ impl Light {
         }
         sum
     }
+}
+
+/// Returns the DC of log harmonics of a channel's radiance.
+pub(super) fn log_constant(radiance: f32) -> f32 {
+    (Activation::Exp.inverse(radiance) - SH_OFFSET) / sh::C0
 }
 
 /// Returns the chromaticity and the normaliser it was divided by.

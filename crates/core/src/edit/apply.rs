@@ -133,7 +133,7 @@ fn recolored(scene: &Scene, chain: &MapChain<'_>, weights: &[f32], sh_map: ShMap
     let (k, m) = (3 * model.sh_coefficients(), model.luminance_coefficients());
     let (mut sh, mut raw) = (scene.splats.sh.clone(), scene.splats.raw_luminance.clone());
     // A gain scales harmonics exactly; the result of any other map is not a sum of harmonics.
-    let refit = (!model.separates_luminance() && chain.constant_gain().is_none()).then(|| Refit::new(model.sh_degree()));
+    let refit = (!model.separates_luminance() && chain.constant_gain().is_none()).then(|| Refit::new(model));
     let (mut moved, mut light) = (0.0, 0.0);
     for (i, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
         let luminance = scene.luminance(i);

@@ -5,19 +5,22 @@
 //! map other than a plain gain shifts hue: [`ShMap::Channels`] by definition, and both modes by
 //! what harmonics of the same degree cannot represent.
 //!
+//! Harmonics of the radiance's logarithm ([`crate::ColorModel::LogSh`]) are fitted to the logarithm
+//! of the mapped radiance, which a power changes exactly.
+//!
 //! Degenerate: a channel that is negative in a direction, and so clipped to 0 there, is scaled by
 //! the splat's factor at degree 0. It stays clipped, and a map that changes nothing changes no
 //! coefficient.
 
 use super::MapChain;
 use crate::sh::{self, MAX_COEFFICIENTS};
-use crate::{SH_OFFSET, least_squares, luminance_sum};
+use crate::{ColorModel, MAX_EXP_ARGUMENT, SH_OFFSET, least_squares, luminance_sum};
 
 /// Number of fixed directions: four for each harmonic of the highest degree.
 const DIRECTIONS: usize = 4 * MAX_COEFFICIENTS;
 
 /// The quantity that a luminance map acts on if the model does not separate luminance
-/// ([`crate::ColorModel::Sh`]).
+/// ([`crate::ColorModel::Sh`], [`crate::ColorModel::LogSh`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ShMap {
     /// The luminance of the colour in each direction; channel ratios are kept. The most accurate
@@ -31,12 +34,38 @@ pub enum ShMap {
 
 /// A basis of harmonics in fixed directions, and its pseudo-inverse.
 pub(super) struct Refit {
+    scale: FitScale,
     /// Number K of coefficients.
     coefficients: usize,
     /// Basis values, one row per direction.
     values: Vec<[f64; MAX_COEFFICIENTS]>,
     /// Transpose of (A^T A)^-1 A^T, one row per direction.
     fit: Vec<[f64; MAX_COEFFICIENTS]>,
+}
+
+/// The scale on which radiance is a sum of harmonics.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum FitScale {
+    Linear,
+    Log,
+}
+
+impl FitScale {
+    /// Returns the radiance of a value, not clipped at 0.
+    fn radiance(self, value: f64) -> f32 {
+        match self {
+            Self::Linear => value as f32,
+            Self::Log => value.min(MAX_EXP_ARGUMENT.into()).exp() as f32,
+        }
+    }
+
+    /// Returns the value of a radiance.
+    fn value(self, radiance: f32) -> f64 {
+        match self {
+            Self::Linear => radiance.into(),
+            Self::Log => f64::from(radiance.max(f32::MIN_POSITIVE)).ln(),
+        }
+    }
 }
 
 /// The map of one splat.
@@ -75,7 +104,10 @@ impl SplatMap<'_> {
 }
 
 impl Refit {
-    pub(super) fn new(degree: usize) -> Self {
+    /// Makes the basis for a model that does not separate luminance.
+    pub(super) fn new(model: ColorModel) -> Self {
+        let scale = if matches!(model, ColorModel::LogSh { .. }) { FitScale::Log } else { FitScale::Linear };
+        let degree = model.sh_degree();
         let coefficients = sh::coefficients(degree);
         let basis = |direction: [f32; 3]| {
             let mut values = [0.0; MAX_COEFFICIENTS];
@@ -84,7 +116,7 @@ impl Refit {
         };
         let values: Vec<_> = sh::lattice(DIRECTIONS).into_iter().map(basis).collect();
         let fit = pseudo_inverse(&values, coefficients);
-        Self { coefficients, values, fit }
+        Self { scale, coefficients, values, fit }
     }
 
     /// Replaces `sh [K,3]` and returns the change of chromaticity: the sum of the channels'
@@ -98,7 +130,7 @@ impl Refit {
         }
         let mut fitted = [[0f64; 3]; MAX_COEFFICIENTS];
         for (target, fit) in targets.iter().zip(&self.fit) {
-            let target = target.map(|c| f64::from(c) - f64::from(SH_OFFSET));
+            let target = target.map(|c| self.scale.value(c) - f64::from(SH_OFFSET));
             for (k, fit) in fitted.iter_mut().zip(fit).take(self.coefficients) {
                 k.iter_mut().zip(target).for_each(|(k, c)| *k += fit * c);
             }
@@ -116,7 +148,7 @@ impl Refit {
         for (k, y) in sh.chunks_exact(3).zip(values) {
             rgb.iter_mut().zip(k).for_each(|(sum, k)| *sum += f64::from(*k) * y);
         }
-        rgb.map(|c| c as f32)
+        rgb.map(|c| self.scale.radiance(c))
     }
 }
 
@@ -147,7 +179,8 @@ mod tests {
 
     fn mapped(maps: &[Map], kind: ShMap, sh: &mut [f32], degree: usize) -> f64 {
         let chain = MapChain::new(maps, 1.0);
-        Refit::new(degree).apply(sh, &SplatMap { chain: &chain, kind, weight: 1.0, scale: 1.0, base_factor: 1.0 })
+        Refit::new(ColorModel::Sh { degree: degree as u8 })
+            .apply(sh, &SplatMap { chain: &chain, kind, weight: 1.0, scale: 1.0, base_factor: 1.0 })
     }
 
     #[test]
@@ -179,12 +212,28 @@ mod tests {
     }
 
     #[test]
+    fn a_power_of_log_harmonics_is_exact_by_channels() {
+        let (model, power) = (ColorModel::LogSh { degree: 3 }, [Map::Power { exponent: 0.7, pivot: Some(3.0) }]);
+        let before = harmonics(3, 1.5, 0.6);
+        let mut after = before.clone();
+        let (refit, chain) = (Refit::new(model), MapChain::new(&power, 1.0));
+        refit.apply(&mut after, &SplatMap { chain: &chain, kind: ShMap::Channels, weight: 1.0, scale: 1.0, base_factor: 1.0 });
+        for (after, before) in after[3..].iter().zip(&before[3..]) {
+            assert!((after - 0.7 * before).abs() < 1e-5, "{after} {before}");
+        }
+        for y in &refit.values {
+            let (a, b) = (refit.radiance(&after, y), refit.radiance(&before, y));
+            (0..3).for_each(|c| assert!((a[c] / b[c].powf(0.7) - 1.0).abs() < 1e-4, "{a:?} {b:?}"));
+        }
+    }
+
+    #[test]
     fn small_view_dependence_follows_the_map() {
         let power = [Map::Power { exponent: 0.7, pivot: Some(1.0) }];
         let before = harmonics(2, 0.5, 0.02);
         let mut after = before.clone();
         mapped(&power, ShMap::Luminance, &mut after, 2);
-        let (refit, chain) = (Refit::new(2), MapChain::new(&power, 1.0));
+        let (refit, chain) = (Refit::new(ColorModel::Sh { degree: 2 }), MapChain::new(&power, 1.0));
         for y in &refit.values {
             let (a, b) = (refit.radiance(&after, y), refit.radiance(&before, y));
             let factor = chain.factor(luminance_sum(b), 1.0).unwrap();

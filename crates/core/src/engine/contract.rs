@@ -4,7 +4,8 @@
 //! radiance are in normalised units.
 
 use super::{
-    DeepImage, DensifyPlan, DensifyStats, Evaluations, Geometry, Layers, PassTime, RenderOptions, SparseGradients, StepConfig, StepReport,
+    DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, Layers, PassTime, RenderOptions, SparseGradients,
+    StepConfig, StepReport,
 };
 use crate::edit::Contributions;
 use crate::{Camera, Image, Moments, Remedy, Splats, View};
@@ -178,6 +179,20 @@ pub trait Engine: Send {
     /// [`EngineError::Device`].
     fn apply_gradients(&mut self, _gradients: &SparseGradients, _step: &StepConfig) -> Result<(), EngineError> {
         Err(EngineError::invalid("this engine takes no gradients").with_remedy(Remedy::set("device", "cpu")))
+    }
+
+    /// Returns the current scene without its moments.
+    ///
+    /// # Errors
+    /// [`EngineError::Device`].
+    fn splats(&mut self) -> Result<Splats, EngineError> {
+        Ok(self.save()?.0)
+    }
+
+    /// Returns the engine's rasteriser with gradients, for steps whose loss the caller owns; `None`
+    /// from an engine without one. It does not see the engine's scene.
+    fn differentiable(&self) -> Option<&dyn Differentiable> {
+        None
     }
 
     /// Checks that all parameters are finite, as far as the engine can do so at little cost. A

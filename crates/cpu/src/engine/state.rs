@@ -149,14 +149,19 @@ impl State {
         self.stats = DensifyStats::zeros(splats.len());
     }
 
-    /// Copies the scene and its moments.
-    pub(super) fn save(&mut self) -> (Splats, Moments) {
+    /// Copies the scene.
+    pub(super) fn splats(&mut self) -> Splats {
         self.finish();
         let mut splats = self.parameters.to_splats();
         if !self.smoothing.is_empty() {
             splats.smoothing = bytemuck::cast_slice(&self.smoothing)[..self.parameters.count].to_vec();
         }
-        (splats, Moments { first: self.first.to_splats(), second: self.second.to_splats() })
+        splats
+    }
+
+    /// Copies the scene and its moments.
+    pub(super) fn save(&mut self) -> (Splats, Moments) {
+        (self.splats(), Moments { first: self.first.to_splats(), second: self.second.to_splats() })
     }
 
     /// Copies what densification policy looks at.

@@ -388,9 +388,10 @@ fn colours_and_their_gradients_equal_the_formulas_of_core() {
     let models = [
         ColorModel::Sh { degree: 3 },
         ColorModel::Sh { degree: 4 },
+        ColorModel::LogSh { degree: 3 },
         ColorModel::Lcd { chroma_degree: 2, luminance_degree: 1, activation: Activation::Softplus },
     ];
-    for (model, per_camera) in models.into_iter().zip([false, true, false]) {
+    for (model, per_camera) in models.into_iter().zip([false, true, false, false]) {
         let (n, mut rng) = (21, Rng::new(31));
         // More coefficients than the model has.
         let k = model.sh_coefficients() + 2;

@@ -69,7 +69,7 @@ fn color(model: ColorModel, rgb: [f32; 3], variation: f32, rng: &mut Rng) -> (Ve
     let mut harmonics = dc.to_vec();
     let amplitude = match model {
         ColorModel::Sh { .. } => variation * (rgb.iter().sum::<f32>() / 3.0 + SH_OFFSET),
-        ColorModel::Lcd { .. } | ColorModel::Mix(_) => variation,
+        ColorModel::LogSh { .. } | ColorModel::Lcd { .. } | ColorModel::Mix(_) => variation,
     };
     harmonics.extend((3..3 * model.sh_coefficients()).map(|_| amplitude * rng.normal()));
     let mut luminance = vec![raw; model.luminance_coefficients().min(1)];
@@ -154,6 +154,7 @@ pub fn view(camera: &Camera, masked: bool, seed: u64) -> View {
         values: PixelValues::Radiance,
         noise: None,
         mask: masked.then(|| Mask::from_valid(valid).into()),
+        recordings: Vec::new(),
         target: Target { scale: TARGET_SCALE, ..Target::default() },
     }
 }

@@ -90,6 +90,8 @@ pub fn cases() -> Vec<Case> {
     cases.push(case(lcd(2, 2, Activation::Relu), mip, parity, true, 24));
     cases.push(case(lcd(3, 0, Activation::Softplus), pixel, hdr, false, 25));
     cases.push(case(ColorModel::Sh { degree: 3 }, pixel, parity, true, 26));
+    cases.push(case(ColorModel::LogSh { degree: 3 }, pixel, hdr, true, 29));
+    cases.push(case(ColorModel::LogSh { degree: 2 }, off, parity, false, 30));
     cases.push(sampled(case(lcd(3, 0, Activation::Softplus), pixel, hdr, true, 27), 2));
     cases.push(sampled(case(lcd(2, 1, Activation::Softplus), off, parity, false, 28), 3));
     cases

@@ -177,6 +177,7 @@ fn radiance<N: Number>(p: &Parameters<N>, i: usize, direction: [N; 3], active_de
     let mut rectified = |x: N| if trace.decide(x.value() > 0.0) { x } else { zero };
     match p.splats.color_model {
         ColorModel::Sh { degree } => response(degree).map(|s| rectified(s + N::of(SH_OFFSET.into()))),
+        ColorModel::LogSh { degree } => response(degree).map(|s| (s + N::of(SH_OFFSET.into())).exp()),
         ColorModel::Lcd { chroma_degree, luminance_degree, activation } => {
             let r = response(chroma_degree).map(|s| rectified(s) + N::of(DEAD_CHROMA_FLOOR.into()));
             let raw = (1..active(luminance_degree)).fold(p.raw_luminance(i, 0), |sum, m| sum + p.raw_luminance(i, m) * basis[m]);

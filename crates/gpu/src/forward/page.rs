@@ -30,7 +30,9 @@ fn models() -> Vec<ColorModel> {
         (0..=3)
             .flat_map(move |luminance_degree| activations.map(|activation| ColorModel::Lcd { chroma_degree, luminance_degree, activation }))
     };
-    (0..=5).map(|degree| ColorModel::Sh { degree }).chain((0..=5).flat_map(lcd)).collect()
+    let degrees = || 0..=5;
+    let plain = degrees().map(|degree| ColorModel::Sh { degree }).chain(degrees().map(|degree| ColorModel::LogSh { degree }));
+    plain.chain(degrees().flat_map(lcd)).collect()
 }
 
 fn dispatch(dispatch: &Dispatch) -> Value {

@@ -140,5 +140,8 @@ fn radiance_of(response: vec4f) -> vec3f {
         let r = max(response.xyz, vec3f(0.0)) + DEAD_CHROMA_FLOOR;
         return activate(response.w) * (r / (r.x + r.y + r.z));
     }
+    if (IS_LOG) {
+        return exp(min(response.xyz + SH_OFFSET, vec3f(MAX_EXP_ARGUMENT)));
+    }
     return max(response.xyz + SH_OFFSET, vec3f(0.0));
 }

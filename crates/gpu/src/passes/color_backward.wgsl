@@ -102,6 +102,9 @@ fn color_backward(i: u32, is_visible: bool, d_radiance: vec3f) -> vec3f {
             let along = dot(d_radiance, alive / sum);
             d_raw = along * activation_derivative(r.w);
             d_response = select(vec3f(0.0), (luminance / sum) * (d_radiance - along), r.xyz > vec3f(0.0));
+        } else if (IS_LOG) {
+            let logs = r.xyz + SH_OFFSET;
+            d_response = select(vec3f(0.0), d_radiance * exp(min(logs, vec3f(MAX_EXP_ARGUMENT))), logs < vec3f(MAX_EXP_ARGUMENT));
         } else {
             d_response = select(vec3f(0.0), d_radiance, r.xyz + SH_OFFSET > vec3f(0.0));
         }

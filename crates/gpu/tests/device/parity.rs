@@ -32,6 +32,7 @@ pub fn models() -> Vec<ColorModel> {
         ColorModel::Sh { degree: 0 },
         ColorModel::Sh { degree: 3 },
         ColorModel::Sh { degree: 5 },
+        ColorModel::LogSh { degree: 3 },
         lcd(3, 0, Activation::Softplus),
         lcd(2, 3, Activation::Exp),
         lcd(1, 1, Activation::Relu),

@@ -15,9 +15,10 @@ use super::image_memory::{PlannedImage, ViewPlace, plan};
 use super::load::{LoadedView, load_view};
 use super::metres::metres_per_unit;
 use super::observations::{ObservedView, map_points};
+use super::selected::{Role, SelectedFrame, Split, select, with_captured};
 use super::source::{DatasetSource, SourceFrame, SourcePoint};
 use super::split::{Part, assign};
-use super::view_cache::{Residency, ViewCache};
+use super::view_cache::{CachedFrame, Residency, ViewCache};
 use super::{LoadOptions, LoadProgress, Loading, Supervision, masks, recordings};
 use crate::IoError;
 use crate::image::image_size;
@@ -40,6 +41,9 @@ pub(super) fn assemble(
     loading: &Loading<'_>,
 ) -> Result<Dataset, IoError> {
     let DatasetSource { format, folder, mut frames, split, points, points_from, mut warnings, .. } = source;
+    if options.supervision == Supervision::Both {
+        frames = recordings::pair(path, frames)?;
+    }
     if frames.is_empty() {
         return Err(IoError::invalid(path, "no images, expected at least one"));
     }
@@ -67,29 +71,13 @@ pub(super) fn assemble(
         warnings.push("no test views: no image is held out to measure quality with".to_owned());
     }
 
-    let mut used = Vec::new();
-    for (part, indices) in [(Part::Train, train), (Part::Test, test)] {
-        let expanded = indices.into_iter().flat_map(|i| {
-            let frames = recordings::expanded(sorted[i], part == Part::Test).into_iter();
-            let source = order[i];
-            frames.map(move |frame| SelectedFrame { frame: SourceFrame { part: Some(part), ..frame }, source, part })
-        });
-        let mut views: Vec<SelectedFrame> = expanded.collect();
-        if options.supervision == Supervision::Ldr && part == Part::Train {
-            views = recordings::choose(views, |used| &used.frame, &options.exposures);
-            if views.is_empty() {
-                return Err(IoError::invalid(path, format!("no bracket has exposures {}, counted from 0", options.exposures)));
-            }
-        }
-        views.sort_by(|a, b| a.frame.name.cmp(&b.frame.name));
-        used.extend(views);
-    }
+    let mut used = select(path, &Split { frames: &sorted, order: &order, train: &train, test: &test }, options)?;
     warnings.extend(masks::attach(&folder, used.iter_mut().map(|used| &mut used.frame), &options.masks)?);
     let (loaded, readers) = load_views(path, &used, options, loading)?;
     warnings.extend(grouped_warnings(&loaded));
 
     let mut targets: Vec<Vec<ObservedView<'_>>> = frames.iter().map(|_| Vec::new()).collect();
-    for (index, (used, l)) in (0u32..).zip(used.iter().zip(&loaded)).filter(|(_, (used, _))| used.part == Part::Train) {
+    for (index, (used, l)) in (0u32..).zip(used.iter().zip(&loaded)).filter(|(_, (used, _))| used.role == Role::Train) {
         let foreign_lens = used.frame.intrinsics.foreign_lens.map(|lens| lens.prepared());
         targets[used.source].push(ObservedView { index, photographed: &l.photographed, foreign_lens, view: &l.view });
     }
@@ -105,9 +93,7 @@ pub(super) fn assemble(
     let fingerprint = fingerprint(Fingerprint::new(&format, options), &used, &loaded, &points, &world_from_local);
 
     let bad_pixels = bad_pixels(&loaded);
-    let train_count = used.iter().filter(|used| used.part == Part::Train).count();
-    let mut train: Vec<View> = loaded.into_iter().map(|l| l.view).collect();
-    let test = train.split_off(train_count);
+    let (train, test) = with_captured(path, loaded.into_iter().map(|l| l.view), &used)?;
     warnings.extend(PointCoverage::new(&points, &train).warning(&points_from));
     let metres_per_unit = metres_per_unit(path, &folder)?;
     Ok(Dataset { format, train, test, points, color_space, bad_pixels, fingerprint, warnings, world_from_local, metres_per_unit, readers })
@@ -122,7 +108,7 @@ fn bad_pixels(loaded: &[LoadedView]) -> Vec<BadPixels> {
 
 /// Returns the views to train on.
 fn train_views<'a>(used: &[SelectedFrame], loaded: &'a [LoadedView]) -> Vec<&'a View> {
-    used.iter().zip(loaded).filter(|(used, _)| used.part == Part::Train).map(|(_, loaded)| &loaded.view).collect()
+    used.iter().zip(loaded).filter(|(used, _)| used.role == Role::Train).map(|(_, loaded)| &loaded.view).collect()
 }
 
 /// Returns a warning of views that are on no side of the split.
@@ -139,7 +125,11 @@ fn fingerprint(
     world_from_local: &Similarity,
 ) -> String {
     for (used, l) in used.iter().zip(loaded) {
-        begun.text(if used.part == Part::Train { "train" } else { "test" });
+        begun.text(match used.role {
+            Role::Train => "train",
+            Role::Test => "test",
+            Role::Captured => "captured",
+        });
         begun.view(&l.view, &l.digest);
         begun.foreign_lens(used.frame.intrinsics.foreign_lens);
     }
@@ -158,14 +148,6 @@ fn local_coordinates(frames: &[SourceFrame], points: &[SourcePoint]) -> Similari
 
 fn eye(camera_from_world: &DAffine3) -> DVec3 {
     -(camera_from_world.matrix3.transpose() * camera_from_world.translation)
-}
-
-/// A view to be read.
-struct SelectedFrame {
-    frame: SourceFrame,
-    /// Index into the source's frames.
-    source: usize,
-    part: Part,
 }
 
 /// Returns the views in the order of `used`, with their pixels in memory if all have room there,
@@ -188,7 +170,7 @@ fn load_views(
         Some(PlannedImage {
             size_px: image_size(&used.frame.image).ok()?,
             has_weights: mask.is_some() || !lens.distortion.is_none() || !lens.projection.is_pinhole(),
-            is_train: used.part == Part::Train,
+            is_train: used.role != Role::Test,
         })
     });
     let plan = plan(path, sizes, options.downscale, loading);
@@ -203,10 +185,12 @@ fn load_views(
     let elsewhere = ViewCache::new(None, Residency::new(0));
     let cache = (!plan.fits()).then(|| ViewCache::new(loading.cache, Residency::new(plan.resident_bytes())));
     let (first_bad, done, total) = (AtomicUsize::new(usize::MAX), AtomicUsize::new(0), used.len());
+    let captured = LoadOptions { supervision: Supervision::Ldr, ..options.clone() };
     let load = |((used, &rank), &place): ((&SelectedFrame, &usize), &ViewPlace)| {
         if rank > first_bad.load(Ordering::Relaxed) {
             return None;
         }
+        let options = used.options(options, &captured);
         let loaded = match &cache {
             None if loading.keep.is_some_and(|keep| !keep(place)) => {
                 load_view(&used.frame, options).and_then(|view| elsewhere.store(&used.frame, options, view))
@@ -233,7 +217,7 @@ fn load_views(
     let loaded: Vec<Option<Result<LoadedView, IoError>>> =
         chunks.flat_map(|((used, rank), place)| used.par_iter().zip(rank).zip(place).map(load).collect::<Vec<_>>()).collect();
     if let Some(cache) = &cache {
-        cache.prune(used.iter().map(|used| &used.frame), options);
+        cache.prune(used.iter().map(|used| CachedFrame { frame: &used.frame, options: used.options(options, &captured) }));
     }
     let mut views = Vec::with_capacity(used.len());
     let mut bad: Option<(usize, IoError)> = None;
@@ -247,10 +231,16 @@ fn load_views(
     bad.map_or(Ok((views, plan.readers())), |(_, error)| Err(error))
 }
 
-/// Returns the place of each view; those to train on come first.
+/// Returns the place of each view; those to train on come first. A captured image goes with the
+/// training view of its pose.
 fn places(used: &[SelectedFrame]) -> Vec<ViewPlace> {
-    let train = used.iter().filter(|used| used.part == Part::Train).count();
-    (0..used.len()).map(|i| if i < train { ViewPlace::Train(i) } else { ViewPlace::Test(i - train) }).collect()
+    let train = used.iter().filter(|used| used.role == Role::Train).count();
+    let place = |(i, view): (usize, &SelectedFrame)| match view.role {
+        Role::Train => ViewPlace::Train(i),
+        Role::Test => ViewPlace::Test(i - train),
+        Role::Captured => ViewPlace::Train(used.iter().take(train).position(|other| other.source == view.source).unwrap_or(0)),
+    };
+    used.iter().enumerate().map(place).collect()
 }
 
 /// Names are unique and not empty.

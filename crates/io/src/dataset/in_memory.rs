@@ -175,7 +175,8 @@ fn view_of(given: MemoryView, local_from_world: &Similarity) -> (View, Option<Ba
         camera.distortion = Distortion::default();
     }
     let (values, target) = (PixelValues::Radiance, Target::default());
-    (View { name, camera, image: image.into(), values, noise: None, mask: mask.map(Into::into), target }, bad)
+    let (mask, recordings) = (mask.map(Into::into), Vec::new());
+    (View { name, camera, image: image.into(), values, noise: None, mask, recordings, target }, bad)
 }
 
 #[cfg(test)]

@@ -174,7 +174,7 @@ fn plain_images<'a>(model: &'a ColmapModel, scene: &ModelScene<'_>, warnings: &m
     let mut chosen = Vec::with_capacity(model.images.len());
     let mut substituted = Vec::new();
     let substitute = match scene.supervision {
-        Supervision::Hdr => Substitute::Radiance,
+        Supervision::Hdr | Supervision::Both => Substitute::Radiance,
         Supervision::Ldr => Substitute::Allowed,
     };
     for (index, image) in model.images.iter().enumerate() {
@@ -211,7 +211,7 @@ fn grouped_images<'a>(
         let base = image.name.rsplit(['/', '\\']).next().unwrap_or(&image.name);
         let (key, file_path, part) = hdr_of(without_extension(base)).map_err(|e| origin(scene.files, image).error(e))?;
         let path = scene.finder.find(scene.folder, &file_path).unwrap_or_else(|| scene.folder.join(&file_path));
-        if scene.supervision == Supervision::Hdr && !path.is_file() {
+        if scene.supervision.reads_radiance() && !path.is_file() {
             return Err(origin(scene.files, image).error(format!("its HDR image {} does not exist", path.display())));
         }
         let candidate = Chosen { index, image, file_path, path, part, recordings: Vec::new() };
@@ -232,7 +232,7 @@ fn hdr_gs_images<'a>(model: &'a ColmapModel, scene: &ModelScene<'_>) -> Result<V
     })?;
     for (i, c) in chosen.iter_mut().enumerate() {
         c.part = Some(if i % 2 == 0 { Part::Train } else { Part::Test });
-        if scene.supervision == Supervision::Ldr {
+        if scene.supervision.reads_recordings() {
             let view = view_name(&c.file_path);
             c.recordings = recordings::hdr_gs(scene.finder, scene.folder, view.rsplit('/').next().unwrap_or(&view));
         }
@@ -258,7 +258,7 @@ fn gauss_hdr_images<'a>(model: &'a ColmapModel, scene: &ModelScene<'_>) -> Resul
         };
         Ok((file.clone(), format!("images_hdr/{file}.exr"), part))
     })?;
-    if scene.supervision == Supervision::Ldr {
+    if scene.supervision.reads_recordings() {
         let exposures = recordings::read_exposures(&scene.folder.join("exposure.json"))?;
         for c in &mut chosen {
             let stem = view_name(&c.file_path);

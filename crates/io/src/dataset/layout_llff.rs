@@ -46,7 +46,7 @@ pub(super) fn is_one(folder: &Path) -> bool {
 /// Reads the table and finds the images.
 pub(super) fn llff_source(folder: &Path, supervision: Supervision) -> Result<DatasetSource, IoError> {
     let path = folder.join(TABLE);
-    if supervision == Supervision::Hdr {
+    if supervision.reads_radiance() {
         let error = IoError::invalid(folder, "holds captured LDR images and no radiance to train on");
         return Err(error.with_remedy(Remedy::set("supervision", "ldr")));
     }

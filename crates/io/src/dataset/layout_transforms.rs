@@ -197,7 +197,9 @@ pub(super) fn hdr_nerf_source(files: &TransformsFiles, supervision: Supervision)
         let (part, side) = if file.part == Some(Part::Test) { ("test", "test_hdr") } else { ("train", "train_hdr") };
         let exposures = match supervision {
             Supervision::Hdr => BTreeMap::new(),
-            Supervision::Ldr => recordings::read_exposures(&folder.join(format!("exposure_{part}.json")))?,
+            // Captured images of held-out poses are not read beside radiance.
+            Supervision::Both if part == "test" => BTreeMap::new(),
+            Supervision::Ldr | Supervision::Both => recordings::read_exposures(&folder.join(format!("exposure_{part}.json")))?,
         };
         for (i, frame) in file.transforms.frames.iter().enumerate() {
             let origin = file.origin(i, frame);
@@ -214,7 +216,7 @@ pub(super) fn hdr_nerf_source(files: &TransformsFiles, supervision: Supervision)
                 }
                 continue;
             }
-            if supervision == Supervision::Hdr && !image.is_file() {
+            if supervision.reads_radiance() && !image.is_file() {
                 return Err(origin.error(format!("its HDR image {} does not exist", image.display())));
             }
             by_name.insert(name.clone(), frames.len());

@@ -84,6 +84,7 @@ pub(super) fn load_view(frame: &SourceFrame, options: &LoadOptions) -> Result<Lo
         values,
         noise: frame.noise.filter(|_| values == PixelValues::Radiance),
         mask: mask.map(Into::into),
+        recordings: Vec::new(),
         target: Target::default(),
     };
     let foreign = frame.intrinsics.foreign_lens;
@@ -138,7 +139,7 @@ fn turn_to_camera(decoded: &mut DecodedImage, frame: &SourceFrame, orientation: 
 /// Returns the image, and what its numbers are: a float format holds radiance; where captured
 /// images are read, an integer format holds recorded values.
 fn decode(frame: &SourceFrame, bytes: &[u8], options: &LoadOptions) -> Result<(DecodedImage, PixelValues), IoError> {
-    if options.supervision == Supervision::Hdr {
+    if options.supervision != Supervision::Ldr {
         let decoded = decode_image(&frame.image, bytes, &ReadOptions { transfer: options.transfer, layer: options.layer.clone() })?;
         return Ok((decoded, PixelValues::Radiance));
     }
@@ -163,7 +164,7 @@ fn decode(frame: &SourceFrame, bytes: &[u8], options: &LoadOptions) -> Result<(D
 /// Removes lens distortion and reduces, in linear light. Pixels that recorded values make together
 /// with bounds are left out.
 fn resample(view: View, frame: &SourceFrame, foreign_lens: Option<&PreparedLens>, factor: u32) -> Result<View, IoError> {
-    let View { name, mut camera, image, values, mut noise, mask, target } = view;
+    let View { name, mut camera, image, values, mut noise, mask, recordings, target } = view;
     let (mut image, mut mask) = (image.into_value(), mask.map(OnDemand::into_value));
     // What a foreign lens does not show is left out as it is removed.
     if foreign_lens.is_none()
@@ -219,7 +220,7 @@ fn resample(view: View, frame: &SourceFrame, foreign_lens: Option<&PreparedLens>
         values.from_light(&mut image);
     }
     let mask = mask.filter(|mask| mask.weights.iter().any(|weight| *weight < 1.0)).map(Into::into);
-    Ok(View { name, camera, image: image.into(), values, noise, mask, target })
+    Ok(View { name, camera, image: image.into(), values, noise, mask, recordings, target })
 }
 
 /// Returns the mask of the pixels in which the lens shows something; `None` if it fills the image.

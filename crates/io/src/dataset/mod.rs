@@ -15,9 +15,9 @@
 //! - Pixels that are NaN, infinite or negative become 0 and are masked, before anything is
 //!   resampled.
 //! - Masks: [`MaskSource`]; white counts, black does not.
-//! - Captured LDR images ([`Supervision::Ldr`]): brackets or single exposures are trained on as
-//!   they are, each image with its exposure in seconds; held-out views are radiance where there is
-//!   any.
+//! - Captured LDR images ([`Supervision::Ldr`]; beside radiance [`Supervision::Both`]): brackets or
+//!   single exposures are trained on as they are, each image with its exposure in seconds; held-out
+//!   views are radiance where there is any.
 //! - Lens distortion is removed, then the image is reduced, both in linear light; observations of
 //!   points follow.
 
@@ -49,6 +49,7 @@ mod metres;
 mod observations;
 mod posed;
 mod recordings;
+mod selected;
 mod source;
 mod split;
 mod transforms;
@@ -191,10 +192,11 @@ pub struct LoadOptions {
     pub color_space: Option<ColorSpace>,
     /// Reduction of the images by area average: 1, 2, 4 or 8.
     pub downscale: u32,
-    /// Kind of images that are trained on: radiance, or captured LDR images.
+    /// Kind of images that are trained on: radiance, captured LDR images, or both.
     #[serde(default)]
     pub supervision: Supervision,
-    /// Which exposures of each bracket are trained on, under [`Supervision::Ldr`].
+    /// Which exposures of each bracket are trained on, under [`Supervision::Ldr`] and
+    /// [`Supervision::Both`].
     #[serde(default)]
     pub exposures: Exposures,
     /// Source of the weights of pixels.

@@ -193,7 +193,7 @@ impl CameraFile<'_> {
         let slashed = name.replace('\\', "/");
         let last = slashed.rsplit('/').next().unwrap_or(&slashed).to_owned();
         let substitute = match self.supervision {
-            Supervision::Hdr => Substitute::Radiance,
+            Supervision::Hdr | Supervision::Both => Substitute::Radiance,
             Supervision::Ldr => Substitute::Allowed,
         };
         let is_relative = !Path::new(&slashed).is_absolute() && !slashed.contains(':');

@@ -12,6 +12,8 @@ use serde_json::Value;
 use super::files::{Finder, Substitute, view_name, without_extension};
 use super::json_fields::{kind_of, parse_json};
 use super::source::{Recording, SourceFrame};
+use luxel_core::Remedy;
+
 use crate::IoError;
 use crate::read_file::read_file;
 
@@ -28,6 +30,20 @@ pub enum Supervision {
     Hdr,
     /// Captured LDR images with their exposures.
     Ldr,
+    /// Radiance, and beside it the captured LDR images of each training pose.
+    Both,
+}
+
+impl Supervision {
+    /// Returns whether training poses must have radiance.
+    pub fn reads_radiance(self) -> bool {
+        matches!(self, Self::Hdr | Self::Both)
+    }
+
+    /// Returns whether captured LDR images are read.
+    pub fn reads_recordings(self) -> bool {
+        matches!(self, Self::Ldr | Self::Both)
+    }
 }
 
 /// The choice of captured images of each pose that are trained on, counted from the shortest
@@ -158,6 +174,43 @@ pub(super) fn expanded(frame: &SourceFrame, is_held_out: bool) -> Vec<SourceFram
         ..frame.clone()
     };
     frame.recordings.iter().map(recording).collect()
+}
+
+/// Moves frames that are captured LDR images to the frames of radiance that have their poses, and
+/// checks that each of the training poses has equally many captured images.
+pub(super) fn pair(path: &Path, frames: Vec<SourceFrame>) -> Result<Vec<SourceFrame>, IoError> {
+    let pose = |frame: &SourceFrame| frame.camera_from_world.to_cols_array().map(f64::to_bits);
+    let (captured, mut frames): (Vec<_>, Vec<_>) = frames.into_iter().partition(|frame| frame.exposure_s.is_some());
+    for frame in captured {
+        let Some(exposure_s) = frame.exposure_s else { continue };
+        let Some(radiance) = frames.iter_mut().find(|other| pose(other) == pose(&frame)) else {
+            let message = format!("no radiance image has the pose of the captured image {}, expected one beside it", frame.image.display());
+            return Err(frame.origin.error(message).with_remedy(Remedy::set("supervision", "ldr")));
+        };
+        radiance.recordings.push(Recording { name: frame.name, image: frame.image, exposure_s });
+    }
+    if frames.iter().all(|frame| frame.recordings.is_empty()) {
+        let message = "no captured LDR images with exposures beside the radiance, expected some of each training pose, \
+                       as the layouts of HDR-NeRF, HDR-GS and GaussHDR have them";
+        let remedy = Remedy::set("supervision", "hdr").or(Remedy::advice("train a method that needs radiance alone"));
+        return Err(IoError::invalid(path, message).with_remedy(remedy));
+    }
+    Ok(frames)
+}
+
+/// Checks that training poses have equally many captured images: a file or an exposure that is
+/// missing would otherwise go unnoticed.
+pub(super) fn check_pairs<'a>(frames: impl Iterator<Item = &'a SourceFrame> + Clone) -> Result<(), IoError> {
+    let most = frames.clone().map(|frame| frame.recordings.len()).max().unwrap_or(0);
+    for frame in frames {
+        let found = frame.recordings.len();
+        if found < most {
+            let message =
+                format!("{found} captured images of known exposure of view {}, other views have {most}: expected as many", frame.name);
+            return Err(frame.origin.error(message).with_remedy(Remedy::advice("add the missing images or their exposures")));
+        }
+    }
+    Ok(())
 }
 
 /// Keeps the captured images of each pose that `exposures` names, in the order given; frames of

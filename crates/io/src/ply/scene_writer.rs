@@ -30,6 +30,7 @@ pub(super) const EXACT_SCALE: [&str; 3] = ["lcd_log_scale_0", "lcd_log_scale_1",
 pub(super) fn sh_prefix(color_model: ColorModel) -> &'static str {
     match color_model {
         ColorModel::Sh { .. } => "lcd_s_",
+        ColorModel::LogSh { .. } => "lcd_g_",
         ColorModel::Lcd { .. } => "lcd_c_",
         ColorModel::Mix(_) => "lcd_m_",
     }

@@ -24,6 +24,7 @@ fn posed(poses: &[DAffine3]) -> Dataset {
         values: PixelValues::Radiance,
         noise: None,
         mask: None,
+        recordings: Vec::new(),
         target: Target::default(),
     };
     Dataset {

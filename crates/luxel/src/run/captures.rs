@@ -1,11 +1,11 @@
-//! `captures.json` of the run folder: the gains of the training images, the camera's response and
-//! the vignetting of the lenses that training found.
+//! `captures.json` of the run folder: the gains of the training images, the camera's response, the
+//! vignetting of the lenses and the tone mappers that training found.
 
 use std::collections::BTreeMap;
 
 use luxel_core::response::exposure_of_knot;
 use luxel_core::{Knots, RESPONSE_KNOTS, View};
-use luxel_train::{LensVignetting, Trainer};
+use luxel_train::{LensVignetting, ToneMapperRecord, Trainer};
 use serde::{Deserialize, Serialize};
 
 use super::RunFolder;
@@ -30,6 +30,9 @@ pub struct Captures {
     /// Vignetting of each lens; none if it was not learned.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     vignetting: Vec<LensVignetting>,
+    /// Tone mappers of the method, from radiance and exposure to captured values; none for most.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    tone_mappers: Option<ToneMapperRecord>,
 }
 
 /// A response at its knots.
@@ -50,7 +53,8 @@ impl Captures {
         let gains_ev = train.iter().zip(logs).map(|(view, log)| (view.name.clone(), stops(log))).collect();
         let table = |recorded| ResponseTable { exposure: std::array::from_fn(exposure_of_knot), recorded };
         let vignetting = trainer.vignetting().unwrap_or_default();
-        Self { iteration: trainer.iteration(), gains_ev, response: trainer.response().map(table), vignetting }
+        let (response, tone_mappers) = (trainer.response().map(table), trainer.tone_mappers());
+        Self { iteration: trainer.iteration(), gains_ev, response, vignetting, tone_mappers }
     }
 
     /// Writes the file, if there is anything to write.
@@ -58,7 +62,7 @@ impl Captures {
     /// # Errors
     /// The file system's refusal.
     pub fn write(&self, folder: &RunFolder) -> Result<()> {
-        if self.gains_ev.is_empty() && self.response.is_none() && self.vignetting.is_empty() {
+        if self.gains_ev.is_empty() && self.response.is_none() && self.vignetting.is_empty() && self.tone_mappers.is_none() {
             return Ok(());
         }
         files::write_json(&folder.captures(), schema::CAPTURES, self)

@@ -194,6 +194,7 @@ impl RunConfig {
     /// The first option that is out of range, and the range.
     pub fn validate(&self) -> Result<()> {
         self.train.validate()?;
+        self.check_supervision()?;
         for (option, number) in [("keep_checkpoints", Some(self.run.keep_checkpoints)), ("eval_every", self.run.eval_every)] {
             if number == Some(0) {
                 return Err(Error::new(format!("{option}: found 0, expected at least 1")).with_remedy(Remedy::set(option, "1")));

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use luxel_core::{ColorSpace, Dataset, Engine, Image, Knots, LossWeights, PixelValues, RadianceScale, RenderOptions, View};
-use luxel_io::{ExrOptions, ExrSample, Supervision};
+use luxel_io::{ExrOptions, ExrSample};
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips, Measures, SplitMetrics};
 use luxel_train::{AlignmentScene, ExposureCompensation, LensVignetting, PoseReport, align_camera, pose_change};
@@ -235,7 +235,7 @@ fn due_fits(config: &RunConfig, views: &[View]) -> Vec<(&'static str, GainFit<'s
     let is_radiance = views.iter().all(|view| view.values == PixelValues::Radiance);
     let drifts = config.train.exposure_compensation != ExposureCompensation::Off;
     let fits = [
-        ("test_gain_common", GainFit::Common, config.load.supervision == Supervision::Ldr),
+        ("test_gain_common", GainFit::Common, config.load.supervision.reads_recordings()),
         ("test_gain_per_view", GainFit::PerView, drifts),
     ];
     fits.into_iter().filter(|(.., is_due)| *is_due && is_radiance).map(|(name, fit, _)| (name, fit)).collect()
@@ -307,7 +307,8 @@ mod tests {
         let mut image = engine.render(&camera, &options).unwrap();
         image.scale(gain);
         let (image, mask) = (image.into(), mask.map(Into::into));
-        let view = View { name: "a".into(), camera, image, values: PixelValues::Radiance, noise: None, mask, target: Target::default() };
+        let (recordings, target) = (Vec::new(), Target::default());
+        let view = View { name: "a".into(), camera, image, values: PixelValues::Radiance, noise: None, mask, recordings, target };
         let mut rendering = Rendering {
             engine: &mut engine,
             options,

@@ -136,7 +136,12 @@ impl RunConfig {
             is_made: self.run.from.is_none(),
             options: INITIAL_OPTIONS.to_vec(),
         };
-        Condition::ALL.into_iter().map(|condition| self.group(condition)).chain([frozen, from]).collect()
+        let cutoffs = Group {
+            choice: Choice { option: "method", value: "lcd, sh0 to sh5 or logsh3" },
+            is_made: !self.train.method.trains_on_pairs(),
+            options: vec!["cutoffs"],
+        };
+        Condition::ALL.into_iter().map(|condition| self.group(condition)).chain([frozen, from, cutoffs]).collect()
     }
 
     fn group(&self, condition: Condition) -> Group {
@@ -145,6 +150,8 @@ impl RunConfig {
         let is_made = condition.is_met(&self.train).unwrap_or(match self.load.supervision {
             Supervision::Hdr => condition == Condition::RadianceImages,
             Supervision::Ldr => condition == Condition::CapturedImages,
+            // The exposures of pairs are chosen, and their radiance has noise.
+            Supervision::Both => true,
         });
         let choice = Choice { option: condition.option(), value: condition.value() };
         Group { choice, is_made, options: of_train.chain(of_load.iter().copied()).collect() }

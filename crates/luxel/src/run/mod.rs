@@ -50,6 +50,7 @@ mod ranks;
 pub mod report;
 mod session;
 pub mod state;
+mod supervision;
 mod test_curve;
 
 pub use cameras::RunCameras;

@@ -64,8 +64,13 @@ impl RunMemory {
         let pixel_bytes = STEP_PIXEL_BYTES + if train.vignetting { VIGNETTED_PIXEL_BYTES } else { 0 };
         let step = pixel_bytes * step_samples + tile_bytes.min(TILE_PIXEL_BYTES * step_samples);
         let measurement = (RENDER_PIXEL_BYTES * samples + MEASURED_PIXEL_BYTES) * plan.largest_px;
-        // Those of each view, and their sum.
-        let gradients = if train.batch > 1 { u64::from(train.batch) + 1 } else { 0 };
+        let gradients = match train.method.trains_on_pairs() {
+            // A copy of the splats, and gradients by parts and as a whole.
+            true => 3,
+            // Those of each view, and their sum.
+            false if train.batch > 1 => u64::from(train.batch) + 1,
+            false => 0,
+        };
         let most_splats = train.splat_limit(plan.train_px) as u64;
         let splats = train.max_splats.map_or(u64::from(train.init_points).min(most_splats), u64::from);
         let first_colors = first_colors_bytes(splats, plan.images as u64);

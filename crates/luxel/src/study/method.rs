@@ -1,6 +1,6 @@
 //! Methods by name: the columns of the matrix.
 //!
-//! In: `sh0` to `sh5`; `lcd` with parts behind it in any order: `-exp` or `-relu` for the
+//! In: `sh0` to `sh5`; `logsh3`; `lcd` with parts behind it in any order: `-exp` or `-relu` for the
 //! activation (softplus without), `-lN` for the degree to which luminance varies with the view (0
 //! without), `-cN` for the degree of chromaticity (3 without). Out: the colour model, which has one
 //! name ([`ColorModel::name`]), and options of training. A name determines the whole model: `lcd`
@@ -32,11 +32,12 @@ pub fn parse_method(text: &str) -> Result<ColorModel, String> {
     let degree = || text.strip_prefix("sh").filter(|degree| degree.len() == 1)?.parse().ok();
     let model = match degree() {
         Some(degree) => Some(ColorModel::Sh { degree }),
+        None if text == "logsh3" => Some(ColorModel::LogSh { degree: 3 }),
         None => lcd(text),
     };
     model.filter(|model| model.is_valid()).ok_or_else(|| {
         format!(
-            "unknown method \"{text}\", expected sh0 to sh5, or lcd with -exp or -relu, -l0 to -l3, -c0 to -c5 after it: lcd-exp, lcd-c2-l1"
+            "unknown method \"{text}\", expected sh0 to sh5, logsh3, or lcd with -exp or -relu, -l0 to -l3, -c0 to -c5 after it: lcd-exp, lcd-c2-l1"
         )
     })
 }
@@ -71,6 +72,7 @@ fn lcd(text: &str) -> Option<ColorModel> {
 pub(super) fn with_method(options: &TrainConfig, model: ColorModel) -> TrainConfig {
     let (method, activation, chroma_degree, luminance_degree) = match model {
         ColorModel::Sh { degree } => (sh(degree), None, None, None),
+        ColorModel::LogSh { .. } => (Method::LogSh3, None, None, None),
         ColorModel::Lcd { chroma_degree, luminance_degree, activation } => {
             (Method::Lcd, Some(activation), Some(chroma_degree), Some(luminance_degree))
         }
@@ -84,6 +86,9 @@ pub(super) fn with_method(options: &TrainConfig, model: ColorModel) -> TrainConf
 pub(super) fn description(model: ColorModel) -> String {
     let ColorModel::Lcd { chroma_degree, luminance_degree, activation } = model else {
         let degree = model.sh_degree();
+        if matches!(model, ColorModel::LogSh { .. }) {
+            return format!("3DGS, log radiance, degree {degree}");
+        }
         return if degree == 3 { "3DGS".into() } else { format!("3DGS, degree {degree}") };
     };
     let mut words = match activation {
@@ -121,6 +126,7 @@ mod tests {
         for (name, expected) in [
             ("sh0", ColorModel::Sh { degree: 0 }),
             ("sh5", ColorModel::Sh { degree: 5 }),
+            ("logsh3", ColorModel::LogSh { degree: 3 }),
             ("lcd", lcd(3, 0, Activation::Softplus)),
             ("lcd-exp", lcd(3, 0, Activation::Exp)),
             ("lcd-relu-l2", lcd(3, 2, Activation::Relu)),

@@ -13,7 +13,7 @@ use super::spec::{OptionValue, ValueHelp};
 ///
 /// assert_eq!(Method::from_name("sh3"), Some(Method::Sh3));
 /// assert_eq!(Method::Lcd.name(), "lcd");
-/// assert_eq!(Method::VALUES.len(), 7);
+/// assert_eq!(Method::HdrGs.name(), "hdr-gs");
 /// ```
 pub trait NamedChoice: Copy + PartialEq + 'static {
     /// The values with names and helps, in the order of listing.
@@ -88,7 +88,7 @@ choices! {
         Paper: "paper",
     }
 
-    /// Colour models.
+    /// Methods: colour models, and published methods that train on captured images beside radiance.
     pub enum Method = Lcd {
         /// Luminance and chromaticity apart (LCD-GS)
         Lcd: "lcd",
@@ -104,6 +104,19 @@ choices! {
         Sh4: "sh4",
         /// Spherical harmonics of RGB radiance, degree 5
         Sh5: "sh5",
+        /// Spherical harmonics of the logarithm of RGB radiance, degree 3
+        LogSh3: "logsh3",
+        /// HDR-GS (Cai et al. 2024): log harmonics, and networks from log radiance and exposure to
+        /// captured images, which are trained on beside the radiance
+        HdrGs: "hdr-gs",
+    }
+
+    /// Scales of radiance under the mu-law.
+    pub enum HdrNormalisation = Scene {
+        /// One scale for all images, that of `scale_rule`: renders keep the unit of the data set
+        Scene: "scene",
+        /// Each image by its own maximum, as HDR-GS was published: renders have no unit
+        Own: "self",
     }
 
     /// Strategies by which the number of splats grows.
@@ -188,6 +201,13 @@ impl NamedChoice for Antialias {
             ValueHelp { name: "mip", help: "Mip-splatting's filters: the pixel's, and no detail finer than the training images sample" },
         ),
     ];
+}
+
+impl Method {
+    /// Returns whether steps see a captured image beside the radiance of its pose.
+    pub fn trains_on_pairs(self) -> bool {
+        matches!(self, Self::HdrGs)
+    }
 }
 
 impl ExposureCompensation {

@@ -11,7 +11,9 @@ use serde::{Deserialize, Serialize};
 
 use super::range::Range;
 use super::spec::{Access, Condition, OptionSpec, OptionValue, check_in, parse_in};
-use super::{BatchRule, CutoffPreset, ExposureCompensation, Freeze, MAX_BATCH, MAX_SEED, Method, Preset, ScaleRule, Strategy};
+use super::{
+    BatchRule, CutoffPreset, ExposureCompensation, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED, Method, Preset, ScaleRule, Strategy,
+};
 use crate::{NoiseChoice, ResolutionSchedule};
 
 /// Writes the struct, its defaults and the list of options.
@@ -126,6 +128,18 @@ options! {
         /// Fraction of L1 that is replaced by d^2 / 0.06, where d is a pixel's difference under the
         /// mu-law, so that large errors count more
         squared_share: f32 = 0.5, "FRACTION", Range::Share;
+    }
+    "Radiance and captured images" {
+        /// Weight of the loss of radiance
+        hdr_weight: f32 = 0.6, "WEIGHT", Range::AtLeast(0), needs: [Pairs];
+        /// Weight of the loss of captured images
+        ldr_weight: f32 = 1.0, "WEIGHT", Range::AtLeast(0), needs: [Pairs];
+        /// Scale of radiance under the mu-law in the loss
+        hdr_normalisation: HdrNormalisation = HdrNormalisation::Scene, "SCALE", Range::Any, needs: [Pairs];
+        /// Number of hidden units of the tone mapping networks
+        tone_width: u32 = 128, "N", Range::Limits { min: 1, max: 1024 }, needs: [Pairs];
+        /// Learning rate of the tone mapping networks
+        tone_lr: f32 = 5e-4, "RATE", Range::Positive, needs: [Pairs];
     }
     "Captures" {
         /// Optimise gains of the training images with the scene, for exposure or white balance that

@@ -135,11 +135,13 @@ pub enum Condition {
     RadianceImages,
     /// The training images are captured LDR images.
     CapturedImages,
+    /// The method trains on captured LDR images beside radiance.
+    Pairs,
 }
 
 impl Condition {
     /// All conditions.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Lcd,
         Self::Adc,
         Self::Mcmc,
@@ -149,12 +151,13 @@ impl Condition {
         Self::RefinePoses,
         Self::RadianceImages,
         Self::CapturedImages,
+        Self::Pairs,
     ];
 
     /// Returns the name of the option that makes the choice.
     pub fn option(self) -> &'static str {
         match self {
-            Self::Lcd => "method",
+            Self::Lcd | Self::Pairs => "method",
             Self::Adc | Self::Mcmc => "strategy",
             Self::Absgrad => "absgrad",
             Self::Batch => "batch",
@@ -168,6 +171,7 @@ impl Condition {
     pub fn value(self) -> &'static str {
         match self {
             Self::Lcd => "lcd",
+            Self::Pairs => "hdr-gs",
             Self::Adc => "adc",
             Self::Mcmc => "mcmc",
             Self::Absgrad | Self::RefinePoses => "",
@@ -181,6 +185,7 @@ impl Condition {
     pub fn is_met(self, config: &TrainConfig) -> Option<bool> {
         match self {
             Self::Lcd => Some(config.method == Method::Lcd),
+            Self::Pairs => Some(config.method.trains_on_pairs()),
             Self::Adc => Some(config.strategy == Strategy::Adc),
             Self::Mcmc => Some(config.strategy == Strategy::Mcmc),
             Self::Absgrad => Some(config.absgrad),

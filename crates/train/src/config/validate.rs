@@ -3,6 +3,7 @@
 use super::spec::Condition;
 use super::{Freeze, OPTIONS, OptionSpec, TrainConfig};
 use crate::TrainError;
+use crate::peers::check_options;
 
 /// An option that is set although a choice that it depends on was not made.
 #[derive(Clone, Copy, Debug)]
@@ -41,6 +42,7 @@ impl TrainConfig {
             let reason = "poses are refined together with the splats that `freeze` keeps as they are; refine them in the run of the scene";
             return Err(TrainError::config("refine_poses", reason.to_owned()));
         }
+        check_options(self)?;
         self.validate_decays()
     }
 

@@ -92,6 +92,7 @@ impl Trainer {
     /// Trains on the views of a step, and returns the reports of all slots, in their order.
     pub(super) fn train_on(&mut self, views: &[SlotView], config: &StepConfig) -> Result<Vec<StepReport>, TrainError> {
         match views {
+            [of] if self.state.networks.is_some() => Ok(vec![self.train_on_pair(*of, config)?]),
             [of] if self.exchange.ranks() == 1 => {
                 self.ask_ahead(*of);
                 let Self { engine, views, state, lenses, .. } = self;
@@ -140,7 +141,7 @@ impl Trainer {
     }
 
     /// Has the view of a slot read, and asks for the one that this rank computes after it.
-    fn ask_ahead(&mut self, of: SlotView) {
+    pub(super) fn ask_ahead(&mut self, of: SlotView) {
         let own = self.own_slots();
         let (step, slot) = if of.slot + 1 < own.end { (of.step, of.slot + 1) } else { (of.step.saturating_add(1), own.start) };
         let next = if step == of.step { self.step_views.get(slot).copied() } else { Some(self.state.upcoming_view(slot)) };
@@ -230,7 +231,7 @@ impl Trainer {
 }
 
 /// Returns the view of a slot as its step sees it.
-fn view_of<'a>(
+pub(super) fn view_of<'a>(
     views: &'a mut crate::views::TrainingViews,
     state: &State,
     lenses: Option<&Lenses>,

@@ -54,6 +54,7 @@ pub(super) fn check_scene(dataset: &Dataset, scene: &Scene, config: &TrainConfig
     let (had, wanted) = (scene.splats.color_model, config.color_model());
     let converts = match had {
         ColorModel::Sh { .. } => true,
+        ColorModel::LogSh { .. } => matches!(wanted, ColorModel::LogSh { .. }),
         ColorModel::Lcd { .. } => had == wanted,
         ColorModel::Mix(_) => false,
     };

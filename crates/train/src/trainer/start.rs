@@ -3,19 +3,20 @@
 //! In: a data set, a configuration or a snapshot, an engine. Out: a [`Trainer`] whose engine holds
 //! the scene. Degenerate: views or states that cannot be trained are errors.
 
-use luxel_core::{Alone, Antialias, CameraProjection, Dataset, Engine, Remedy, Scene, Snapshot, View, spatial_order};
+use luxel_core::{Alone, Antialias, CameraProjection, Dataset, Engine, EngineError, Remedy, Scene, Snapshot, View, spatial_order};
 
 use super::health::Visibility;
 use super::scene_start::{check_scene, start_of_scene, with_raster};
 use super::{Trainer, VecDeque};
 use crate::average::Average;
 use crate::camera_response::CameraResponse;
+use crate::peers::check_pairs;
 use crate::pixel_weights::ToneScale;
 use crate::recorded::is_recorded;
 use crate::state::{Start, State, poses_of};
 use crate::views::TrainingViews;
 use crate::vignetting::{Lenses, check_lenses};
-use crate::{Initial, Schedule, TrainConfig, TrainError, free_space, initialise};
+use crate::{Initial, NamedChoice, Schedule, TrainConfig, TrainError, free_space, initialise};
 
 /// Factor between the greatest distance of a camera from the cameras' centroid and the scene's
 /// extent (Kerbl et al. 2023).
@@ -56,6 +57,7 @@ impl Trainer {
         check_batch(dataset, &config)?;
         check_focal(dataset, &config)?;
         check_lenses(dataset, &config)?;
+        check_pair_method(dataset, &config, &*engine)?;
         let response = is_recorded(&dataset.train)?.then(|| CameraResponse::new(config.unit_exposure, &dataset.train));
         let knots = response.as_ref().map(CameraResponse::knots);
         let Initial { splats, radiance_scale } = match scene {
@@ -96,6 +98,7 @@ impl Trainer {
     pub fn resume(dataset: &Dataset, snapshot: Snapshot, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
         check_views(dataset)?;
         let state = State::from_snapshot(&snapshot, dataset)?;
+        check_pair_method(dataset, &state.config, &*engine)?;
         let Snapshot { scene, moments, stats, average, .. } = snapshot;
         let parts = [("scene", &scene.splats), ("first moments", &moments.first), ("second moments", &moments.second)];
         for (what, splats) in parts.into_iter().chain(average.iter().map(|average| ("average", average))) {
@@ -159,6 +162,21 @@ fn check_batch(dataset: &Dataset, config: &TrainConfig) -> Result<(), TrainError
         }
         _ => Ok(()),
     }
+}
+
+/// Checks that the data set has what a method on pairs trains on, and the engine what its steps
+/// need.
+fn check_pair_method(dataset: &Dataset, config: &TrainConfig, engine: &dyn Engine) -> Result<(), TrainError> {
+    if !config.method.trains_on_pairs() {
+        return Ok(());
+    }
+    let method = config.method.name();
+    check_pairs(&dataset.train, method)?;
+    if engine.differentiable().is_none() {
+        let message = format!("method {method} is trained on the CPU: this engine has no rasteriser with gradients for its two images");
+        return Err(EngineError::invalid(message).with_remedy(Remedy::set("device", "cpu")).into());
+    }
+    Ok(())
 }
 
 /// Checks that focal lengths can be optimised, if they are to be: those of pinhole cameras can.

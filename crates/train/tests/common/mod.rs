@@ -69,6 +69,7 @@ pub(crate) fn dataset() -> Dataset {
             values: PixelValues::Radiance,
             noise: None,
             mask: None,
+            recordings: Vec::new(),
             target: Target::default(),
         }
     };

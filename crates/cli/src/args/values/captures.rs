@@ -12,6 +12,8 @@ pub(crate) enum SupervisionArg {
     /// Captured LDR images (JPEG, PNG, TIFF) with their exposures; the camera's response is learned
     /// beside the scene.
     Ldr,
+    /// Radiance, and the captured LDR images of the same poses, for the methods that train on both.
+    Both,
 }
 
 impl From<SupervisionArg> for Supervision {
@@ -19,6 +21,7 @@ impl From<SupervisionArg> for Supervision {
         match arg {
             SupervisionArg::Hdr => Self::Hdr,
             SupervisionArg::Ldr => Self::Ldr,
+            SupervisionArg::Both => Self::Both,
         }
     }
 }

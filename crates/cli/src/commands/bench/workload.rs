@@ -9,7 +9,7 @@ use luxel_core::{
     Splats, Target, View, spatial_order, synthetic,
 };
 use luxel_io::ReadOptions;
-use luxel_train::{Method, TrainConfig};
+use luxel_train::{Method, NamedChoice, TrainConfig};
 
 use crate::args::BenchArgs;
 use crate::args::values::OrderArg;
@@ -75,6 +75,7 @@ impl Workload {
             values: PixelValues::Radiance,
             noise: None,
             mask: None,
+            recordings: Vec::new(),
             target: Target::default(),
         };
         Ok(Self { name: source.name, method: splats.color_model.name(), splats: splats.len(), target, view, render })
@@ -146,6 +147,12 @@ pub(super) fn save(args: &BenchArgs, path: &Path) -> Result<()> {
 /// Returns the splats in the colour model asked for.
 fn in_method(splats: Splats, method: Option<Method>, name: &str) -> Result<Splats> {
     let Some(method) = method else { return Ok(splats) };
+    if method.trains_on_pairs() {
+        bail!(
+            "--method {}: its steps train on captured images, which bench has none of; use --method logsh3, its colour model",
+            method.name()
+        );
+    }
     let model: ColorModel = TrainConfig { method, ..TrainConfig::default() }.color_model();
     if model == splats.color_model {
         return Ok(splats);

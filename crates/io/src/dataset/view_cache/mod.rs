@@ -33,6 +33,12 @@ use crate::IoError;
 /// Extension of the files with the facts of a view.
 const FACTS: &str = "json";
 
+/// A frame with the options that it is read with.
+pub(super) struct CachedFrame<'a> {
+    pub(super) frame: &'a SourceFrame,
+    pub(super) options: &'a LoadOptions,
+}
+
 /// The cache of a data set, or its absence.
 pub(super) struct ViewCache {
     /// Folder of the files; without one, views are decoded from their sources each time.
@@ -76,6 +82,7 @@ impl ViewCache {
             values: facts.values(),
             noise: facts.noise(),
             mask: facts.has_mask.then_some(mask),
+            recordings: Vec::new(),
             target: Target::default(),
         };
         facts.around(view)
@@ -126,9 +133,9 @@ impl ViewCache {
     }
 
     /// Removes the files of views that are not among `frames`. What cannot be removed stays.
-    pub(super) fn prune<'a>(&self, frames: impl Iterator<Item = &'a SourceFrame>, options: &LoadOptions) {
+    pub(super) fn prune<'a>(&self, frames: impl Iterator<Item = CachedFrame<'a>>) {
         let Some(folder) = &self.folder else { return };
-        let stems = frames.filter_map(|frame| Some(self.stem(frame, options)?.file_name()?.to_owned()));
+        let stems = frames.filter_map(|CachedFrame { frame, options }| Some(self.stem(frame, options)?.file_name()?.to_owned()));
         let used: BTreeSet<_> = stems.collect();
         let Ok(entries) = std::fs::read_dir(folder) else { return };
         for entry in entries.flatten() {

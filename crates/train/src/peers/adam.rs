@@ -1,0 +1,65 @@
+//! Adam for numbers that all splats share.
+//!
+//! In: numbers, gradient, rate. Out: the numbers after a step, with the constants of the splats'
+//! own updates. Arithmetic is in f64, number by number.
+
+use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON};
+use serde::{Deserialize, Serialize};
+
+use crate::TrainError;
+
+/// The moments of some numbers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Adam {
+    first: Vec<f32>,
+    second: Vec<f32>,
+    /// Number of updates made.
+    updates: u32,
+}
+
+impl Adam {
+    /// Returns moments of zero.
+    pub(crate) fn new(count: usize) -> Self {
+        Self { first: vec![0.0; count], second: vec![0.0; count], updates: 0 }
+    }
+
+    /// Updates the numbers.
+    pub(crate) fn step(&mut self, numbers: &mut [f32], gradient: &[f64], rate: f64) {
+        self.updates = self.updates.saturating_add(1);
+        let (beta1, beta2) = (f64::from(ADAM_BETA1), f64::from(ADAM_BETA2));
+        let power = |beta: f64| 1.0 - beta.powf(f64::from(self.updates));
+        let (correction1, correction2) = (power(beta1), power(beta2));
+        let moments = self.first.iter_mut().zip(&mut self.second);
+        for ((number, gradient), (first, second)) in numbers.iter_mut().zip(gradient).zip(moments) {
+            let m = beta1 * f64::from(*first) + (1.0 - beta1) * gradient;
+            let v = beta2 * f64::from(*second) + (1.0 - beta2) * gradient * gradient;
+            (*first, *second) = (m as f32, v as f32);
+            let step = rate * (m / correction1) / ((v / correction2).sqrt() + f64::from(ADAM_EPSILON));
+            *number = (f64::from(*number) - step) as f32;
+        }
+    }
+
+    /// Checks moments read from a file.
+    pub(crate) fn validate(&self, count: usize) -> Result<(), TrainError> {
+        let is_finite = self.first.iter().chain(&self.second).all(|v| v.is_finite());
+        if is_finite && [self.first.len(), self.second.len()] == [count; 2] {
+            return Ok(());
+        }
+        Err(TrainError::State(format!("moments of {count} shared numbers are missing or not finite")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_step_is_the_rate_against_the_gradient() {
+        let (mut adam, mut numbers) = (Adam::new(2), [1.0, 2.0]);
+        adam.step(&mut numbers, &[3.0, -1e-4], 0.1);
+        assert!((numbers[0] - 0.9).abs() < 1e-6 && (numbers[1] - 2.1).abs() < 1e-6, "{numbers:?}");
+        adam.validate(2).unwrap();
+        assert!(adam.validate(3).is_err());
+    }
+}

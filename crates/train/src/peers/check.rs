@@ -1,0 +1,39 @@
+//! The options that the methods on pairs do not have: their steps are their own, and would ignore
+//! them.
+
+use luxel_core::Antialias;
+
+use crate::config::{ExposureCompensation, Freeze, Strategy};
+use crate::{NamedChoice, TrainConfig, TrainError};
+
+/// Checks that no option is set that a method on pairs does not have.
+///
+/// # Errors
+/// [`TrainError::Config`] for the first one.
+pub(crate) fn check_options(config: &TrainConfig) -> Result<(), TrainError> {
+    if !config.method.trains_on_pairs() {
+        return Ok(());
+    }
+    let method = config.method.name();
+    let refused = |option: &'static str, found: String, expected: &str| {
+        Err(TrainError::config(option, format!("found {found}, expected {expected}: method {method} has no other")))
+    };
+    match config {
+        TrainConfig { batch, .. } if *batch > 1 => refused("batch", batch.to_string(), "1"),
+        TrainConfig { strategy: Strategy::Mcmc, .. } => refused("strategy", "mcmc".to_owned(), "adc"),
+        TrainConfig { absgrad: true, .. } => refused("absgrad", "true".to_owned(), "false"),
+        TrainConfig { samples, .. } if *samples > 1 => refused("samples", samples.to_string(), "1"),
+        TrainConfig { antialias: Antialias::Mip, .. } => refused("antialias", "mip".to_owned(), "off or pixel"),
+        TrainConfig { freeze: Freeze::Geometry, .. } => refused("freeze", "geometry".to_owned(), "none"),
+        TrainConfig { exposure_compensation, .. } if *exposure_compensation != ExposureCompensation::Off => {
+            refused("exposure_compensation", exposure_compensation.name().to_owned(), "off")
+        }
+        TrainConfig { vignetting: true, .. } => refused("vignetting", "true".to_owned(), "false"),
+        TrainConfig { refine_poses: true, .. } => refused("refine_poses", "true".to_owned(), "false"),
+        TrainConfig { background, .. } if *background != [0.0; 3] => refused("background", format!("{background:?}"), "0"),
+        TrainConfig { ldr_weight, hdr_weight, .. } if *ldr_weight + *hdr_weight == 0.0 => {
+            Err(TrainError::config("hdr_weight", "found 0 beside an ldr_weight of 0, expected one above 0"))
+        }
+        _ => Ok(()),
+    }
+}
