@@ -179,7 +179,8 @@ mod tests {
 
     fn mapped(maps: &[Map], kind: ShMap, sh: &mut [f32], degree: usize) -> f64 {
         let chain = MapChain::new(maps, 1.0);
-        Refit::new(ColorModel::Sh { degree: degree as u8 }).apply(sh, &SplatMap { chain: &chain, kind, weight: 1.0, scale: 1.0, base_factor: 1.0 })
+        Refit::new(ColorModel::Sh { degree: degree as u8 })
+            .apply(sh, &SplatMap { chain: &chain, kind, weight: 1.0, scale: 1.0, base_factor: 1.0 })
     }
 
     #[test]

@@ -3,7 +3,10 @@
 //! In: splats, cameras, views and densification plans. Out: images, reports and splats. Images and
 //! radiance are in normalised units.
 
-use super::{DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, Layers, PassTime, RenderOptions, SparseGradients, StepConfig, StepReport};
+use super::{
+    DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, Layers, PassTime, RenderOptions, SparseGradients, StepConfig,
+    StepReport,
+};
 use crate::edit::Contributions;
 use crate::{Camera, Image, Moments, Remedy, Splats, View};
 
