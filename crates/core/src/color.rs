@@ -189,8 +189,8 @@ impl ColorModel {
         self.components().all(|component| component.light.is_valid())
     }
 
-    /// Returns the short name: `sh3`, `logsh3`, `lcd` (chroma degree 3, luminance degree 0, softplus),
-    /// `lcd-c2-l1-exp`, `lcd+sh3` for a mix.
+    /// Returns the short name: `sh3`, `logsh3`, `lcd` (chroma degree 3, luminance degree 0,
+    /// softplus), `lcd-c2-l1-exp`, `lcd+sh3` for a mix.
     pub fn name(self) -> String {
         match self {
             Self::Sh { degree } => format!("sh{degree}"),

@@ -53,7 +53,7 @@ impl View {
     }
 
     /// Returns the view with image and mask in memory. Those that are read on demand are dropped
-    /// with the result. Recordings stay as they are.
+    /// with the result. Captured images beside it stay as they are.
     ///
     /// # Errors
     /// An image or a mask that cannot be read.
@@ -97,7 +97,7 @@ impl View {
         mask.total().map(|_| ()).ok_or_else(|| ViewError::MaskWeight { view: view() })
     }
 
-    /// Checks that the recordings are captured values of the view's pose and size.
+    /// Checks that the images beside the view's radiance are captured values of its size.
     fn validate_recordings(&self) -> Result<(), ViewError> {
         for recording in &self.recordings {
             recording.validate()?;
@@ -113,8 +113,8 @@ impl View {
         Ok(())
     }
 
-    /// Returns the view without recordings and with its image reduced `factor` times a side by area average over valid
-    /// pixels, in linear light.
+    /// Returns the view, without the captured images beside it, with its image reduced `factor`
+    /// times a side by area average over valid pixels, in linear light.
     ///
     /// A reduced pixel is valid if at least one of its pixels and at least the part `min_valid` (0
     /// to 1) of its area are valid. In each channel, captured LDR values must be all saturated, all

@@ -6,7 +6,7 @@
 mod common;
 
 use common::{config, dataset, engine};
-use luxel_core::{Dataset, Engine, Image, PixelValues, Snapshot, View};
+use luxel_core::{Dataset, Image, PixelValues, Snapshot, View};
 use luxel_cpu::CpuEngine;
 use luxel_metrics::{GainFit, Measures, evaluate};
 use luxel_train::{CutoffPreset, HdrNormalisation, Method, Strategy, TrainConfig, TrainError, Trainer};
@@ -36,9 +36,15 @@ fn base(iterations: u32) -> TrainConfig {
     TrainConfig { max_splats: Some(600), method: Method::HdrGs, ..config(iterations) }
 }
 
+fn run(trainer: &mut Trainer, steps: u32) {
+    for _ in 0..steps {
+        trainer.step().unwrap();
+    }
+}
+
 fn trained(data: &Dataset, config: TrainConfig, steps: u32) -> Trainer {
     let mut trainer = Trainer::new(data, config, engine()).unwrap();
-    (0..steps).for_each(|_| drop(trainer.step().unwrap()));
+    run(&mut trainer, steps);
     trainer
 }
 
@@ -152,13 +158,13 @@ fn a_resumed_run_equals_an_unbroken_one_and_any_number_of_threads_one() {
     let unbroken = snapshot(trained(&data, base(50), 50));
     let half = snapshot(trained(&data, base(50), 23));
     let mut resumed = Trainer::resume(&data, half, engine()).unwrap();
-    (0..27).for_each(|_| drop(resumed.step().unwrap()));
+    run(&mut resumed, 27);
     let resumed = resumed.snapshot().unwrap();
     assert!(resumed.scene == unbroken.scene && resumed.moments == unbroken.moments && resumed.state_json == unbroken.state_json);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
     let threads = pool.install(|| {
         let mut trainer = Trainer::new(&data, base(50), Box::new(CpuEngine::new(3).unwrap())).unwrap();
-        (0..50).for_each(|_| drop(trainer.step().unwrap()));
+        run(&mut trainer, 50);
         trainer.snapshot().unwrap()
     });
     assert!(threads.scene == unbroken.scene && threads.state_json == unbroken.state_json);

@@ -17,7 +17,7 @@ pub(super) struct LuminanceTerm {
     pub(super) activation: Activation,
 }
 
-/// What the harmonics of a light are of.
+/// The quantity that the harmonics of a light hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Form {
     /// Radiance.

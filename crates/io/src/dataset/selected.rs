@@ -1,5 +1,5 @@
-//! The images to read of a data set's frames: views to train on, held-out views, and captured images
-//! beside radiance.
+//! The images to read of a data set's frames: views to train on, held-out views, and captured
+//! images beside radiance.
 //!
 //! In: frames, their split, the kinds of images that are asked for. Out: images in the order in
 //! which they are read: training views by name, held-out ones, then captured images; and the views
