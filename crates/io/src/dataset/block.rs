@@ -111,7 +111,7 @@ impl Block {
             Some(name) => {
                 let message = format!("names view {name:?}, which {} does not have", self.dataset_path(folder).display());
                 let remedy = Remedy::advice("the data set has changed: split it again");
-                Err(IoError::invalid(&folder.join(BLOCK_FILE), message).with_remedy(remedy))
+                Err(IoError::invalid(folder.join(BLOCK_FILE), message).with_remedy(remedy))
             }
         }
     }
