@@ -1,0 +1,36 @@
+//! Radiance fields: a multi-resolution hash grid and two small networks give density and radiance
+//! at any place, in any direction; rays are marched through the occupied cells and rendered.
+//! Gradients are exact and written by hand; results are the same bits for any number of threads.
+
+mod adam;
+mod error;
+mod field;
+mod grid;
+mod head;
+mod lanes;
+mod loss;
+mod march;
+mod network;
+mod networks;
+mod occupancy;
+mod options;
+mod render;
+mod space;
+mod task;
+#[cfg(test)]
+mod tests;
+mod trainer;
+mod volume;
+
+pub use error::FieldError;
+pub use field::{Field, FieldArrays, FieldShape};
+pub use grid::GridShape;
+pub use loss::FieldLoss;
+pub use options::FieldOptions;
+pub use space::Space;
+pub use trainer::{FieldSnapshot, FieldState, FieldStep, FieldTrainer};
+
+/// The example of the crate's README, compiled as a doc test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct CrateReadmeExample;
