@@ -1,7 +1,7 @@
 //! A radiance field: its shape, parameters and occupied cells.
 
 use fearless_simd::Level;
-use luxel_core::{Dataset, random};
+use luxel_core::Dataset;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -9,6 +9,7 @@ use crate::error::FieldError;
 use crate::grid::{Grid, GridShape};
 use crate::networks::{Networks, Parameters, Room, position_blocks};
 use crate::occupancy::Occupancy;
+use crate::random;
 use crate::space::Space;
 
 /// Bound of the features at the start.

@@ -3,6 +3,7 @@
 //! Gradients are exact and written by hand; results are the same bits for any number of threads.
 
 mod adam;
+mod engine;
 mod error;
 mod field;
 mod grid;
@@ -14,19 +15,22 @@ mod network;
 mod networks;
 mod occupancy;
 mod options;
+mod random;
 mod render;
 mod space;
 mod task;
 #[cfg(test)]
 mod tests;
+mod threads;
 mod trainer;
 mod volume;
 
+pub use engine::FieldEngine;
 pub use error::FieldError;
 pub use field::{Field, FieldArrays, FieldShape};
 pub use grid::GridShape;
-pub use loss::FieldLoss;
-pub use options::FieldOptions;
+pub use loss::PixelLoss;
+pub use options::FieldConfig;
 pub use space::Space;
 pub use trainer::{FieldSnapshot, FieldState, FieldStep, FieldTrainer};
 

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// The values whose squared difference is minimised.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum FieldLoss {
+pub enum PixelLoss {
     /// Radiance in normalised units: lamps outweigh everything else.
     Linear,
     /// The mu-law of both, which is not clamped.
@@ -14,7 +14,7 @@ pub enum FieldLoss {
     Mulaw,
 }
 
-impl FieldLoss {
+impl PixelLoss {
     /// Returns the mean squared difference over the channels, and writes its derivative by the
     /// prediction.
     pub(crate) fn pixel(self, prediction: &[f32], target: [f32; 3], mu: f32, by_prediction: &mut [f32]) -> f32 {

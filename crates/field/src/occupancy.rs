@@ -5,18 +5,22 @@
 //! 2022). Cells that no training camera sees stay empty for good.
 
 use glam::DVec3;
-use luxel_core::{Camera, random};
+use luxel_core::Camera;
 use rayon::prelude::*;
 
+use crate::random;
 use crate::space::{MIN_LENGTH, Space};
 
 /// Cells a side.
 pub(crate) const SIDE: usize = 64;
 /// Factor on the densities at each update.
 const DECAY: f32 = 0.95;
-/// Optical thickness of a shortest interval from which a cell is occupied, unless the mean is
-/// lower.
+/// Optical thickness of a shortest interval from which a cell is occupied, once the mean is
+/// higher.
 const THRESHOLD: f32 = 0.01;
+/// Part of the mean optical thickness from which a cell is occupied while the field is thin. All
+/// cells have about the same density at first, and none must be lost for being below the mean.
+const MEAN_SHARE: f32 = 0.5;
 /// Value of a cell that no camera sees.
 const UNSEEN: f32 = -1.0;
 
@@ -149,7 +153,7 @@ impl Occupancy {
         let seen = self.densities.iter().filter(|density| **density != UNSEEN);
         let (sum, count) = seen.fold((0f64, 0u32), |(sum, count), density| (sum + f64::from(*density), count + 1));
         let mean = (sum / f64::from(count.max(1))) as f32 * MIN_LENGTH;
-        let threshold = THRESHOLD.min(mean);
+        let threshold = THRESHOLD.min(MEAN_SHARE * mean);
         for (occupied, density) in self.is_occupied.iter_mut().zip(&self.densities) {
             *occupied = *density >= 0.0 && *density * MIN_LENGTH >= threshold;
         }

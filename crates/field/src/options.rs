@@ -4,21 +4,19 @@ use luxel_core::RadianceScale;
 use serde::{Deserialize, Serialize};
 
 use crate::grid::GridShape;
-use crate::loss::FieldLoss;
+use crate::loss::PixelLoss;
 
 /// Options of training a field.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FieldOptions {
+pub struct FieldConfig {
     /// Number of steps.
     pub iterations: u32,
     /// Seed of everything random.
     pub seed: u64,
     /// The loss.
-    pub loss: FieldLoss,
+    pub loss: PixelLoss,
     /// mu of the mu-law.
     pub mu: f32,
-    /// Background radiance, normalised units.
-    pub background: [f32; 3],
     /// Radiance of one normalised unit, data-set units.
     pub radiance_scale: RadianceScale,
     /// Size of the hash grid.

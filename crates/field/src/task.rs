@@ -11,9 +11,9 @@ use crate::head::{logistic, softplus};
 use crate::lanes::Lanes;
 use crate::march::March;
 use crate::networks::{Room, Samples, from_blocks, into_blocks};
-use crate::options::FieldOptions;
+use crate::options::FieldConfig;
 use crate::space::Ray;
-use crate::volume::{Composited, Intervals, Regularisers, composite};
+use crate::volume::{Composited, Intervals, composite};
 
 /// A ray with what it should show.
 #[derive(Clone, Copy)]
@@ -23,6 +23,8 @@ pub(crate) struct TrainingRay {
     /// Normalised units.
     pub(crate) target: [f32; 3],
     pub(crate) weight: f32,
+    /// Radiance behind everything, normalised units.
+    pub(crate) background: [f32; 3],
 }
 
 /// A part of a step, with memory for it.
@@ -41,7 +43,7 @@ pub(crate) struct Task {
     pub(crate) by_features: Vec<Lanes>,
     /// Gradient by the networks' weights.
     pub(crate) gradient: Vec<f32>,
-    /// Sum over the rays, without the regularisers.
+    /// Sum over the rays, without the distortion loss.
     pub(crate) loss: f64,
 }
 
@@ -49,16 +51,17 @@ pub(crate) struct Task {
 #[derive(Clone, Copy)]
 pub(crate) struct StepContext<'a> {
     pub(crate) field: &'a Field,
-    pub(crate) options: &'a FieldOptions,
+    pub(crate) options: &'a FieldConfig,
     /// Factor of a ray's loss in that of the step.
     pub(crate) share: f32,
-    pub(crate) regularisers: Regularisers,
+    /// Weight of the distortion loss.
+    pub(crate) distortion_weight: f32,
 }
 
 impl Task {
     #[inline(always)]
     pub(crate) fn run<S: Simd>(&mut self, simd: S, context: StepContext<'_>, rays: &[TrainingRay]) {
-        let StepContext { field, options, share, regularisers } = context;
+        let StepContext { field, options, share, distortion_weight } = context;
         let (networks, parameters) = (&field.networks, field.parameters());
         self.samples.clear();
         for ray in rays {
@@ -91,14 +94,13 @@ impl Task {
             };
             let (weights, transmittance) = (&mut self.weights[of_ray.clone()], &mut self.transmittance[of_ray.clone()]);
             let (mut color, mut by_color) = ([0.0; 3], [0.0; 3]);
-            let opacity = composite(intervals, &options.background, weights, transmittance, &mut color);
+            composite(intervals, &ray.background, weights, transmittance, &mut color);
             let loss = options.loss.pixel(&color, ray.target, options.mu, &mut by_color);
             self.loss += f64::from(ray.weight * loss);
-            let by_color = by_color.map(|by| by * ray.weight * share);
             let factor = ray.weight * share;
-            let scaled = Regularisers { opacity: factor * regularisers.opacity, distortion: factor * regularisers.distortion };
-            let composited = Composited { intervals, background: &options.background, weights, transmittance, opacity };
-            composited.backward(&by_color, scaled, &mut self.by_density[of_ray], &mut self.by_colors[of_colors]);
+            let by_color = by_color.map(|by| by * factor);
+            let composited = Composited { intervals, background: &ray.background, weights, transmittance };
+            composited.backward(&by_color, factor * distortion_weight, &mut self.by_density[of_ray], &mut self.by_colors[of_colors]);
         }
         for (by, raw) in self.by_colors.iter_mut().zip(&self.raw) {
             *by *= logistic(*raw);

@@ -13,16 +13,18 @@
 
 use fearless_simd::Level;
 use glam::DVec2;
-use luxel_core::{Dataset, View, random};
+use luxel_core::{Dataset, View};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::adam::{Moving, Rate};
 use crate::error::FieldError;
 use crate::field::{Field, FieldArrays, FieldShape};
-use crate::options::FieldOptions;
+use crate::loss::PixelLoss;
+use crate::options::FieldConfig;
+use crate::random;
 use crate::task::{StepContext, Task, TrainingRay};
-use crate::volume::Regularisers;
+use crate::threads::start_threads;
 
 /// Samples that a step aims at.
 const SAMPLES_PER_STEP: usize = 1 << 16;
@@ -39,9 +41,9 @@ const WARM_UP: u32 = 100;
 /// Parts of the run after each of which the learning rate is multiplied by [`DECAY`].
 const MILESTONES: [f64; 3] = [0.5, 0.75, 0.9];
 const DECAY: f32 = 0.33;
-/// Rays end at something, and what they meet is in one place: with few views in a room, light that
-/// floats before the cameras is the main risk.
-const REGULARISERS: Regularisers = Regularisers { opacity: 1e-3, distortion: 1e-2 };
+/// Weight of the distortion loss: what a ray meets is in one place. With few views in a room, light
+/// that floats before the cameras is the main risk.
+const DISTORTION_WEIGHT: f32 = 1e-3;
 /// Steps between updates of the occupancy grid.
 const OCCUPANCY_EVERY: u32 = 16;
 /// Steps until which an update looks at all cells.
@@ -77,7 +79,7 @@ pub struct FieldSnapshot {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FieldState {
     /// Options.
-    pub options: FieldOptions,
+    pub options: FieldConfig,
     /// Steps that the learning rates were planned for.
     pub planned: u32,
     /// Steps made so far.
@@ -117,7 +119,7 @@ impl FieldTrainer {
     /// # Errors
     /// A data set without training views or valid pixels; an image that cannot be read; threads
     /// that the system refuses.
-    pub fn new(dataset: &Dataset, options: FieldOptions, threads: usize) -> Result<Self, FieldError> {
+    pub fn new(dataset: &Dataset, options: FieldConfig, threads: usize) -> Result<Self, FieldError> {
         let pool = start_threads(threads)?;
         let views = TrainingViews::load(dataset)?;
         let field = pool.install(|| Field::initial(dataset, options.grid, options.seed));
@@ -204,8 +206,12 @@ impl FieldTrainer {
         let seed = random::bits(self.state.options.seed, u64::from(step));
         let rays = self.draw(seed);
         let (count, per_task) = (rays.len().max(1), rays.len().div_ceil(TASKS).max(1));
-        let context =
-            StepContext { field: &self.field, options: &self.state.options, share: (count as f32).recip(), regularisers: REGULARISERS };
+        let context = StepContext {
+            field: &self.field,
+            options: &self.state.options,
+            share: (count as f32).recip(),
+            distortion_weight: DISTORTION_WEIGHT,
+        };
         let (level, tasks) = (self.level, &mut self.tasks);
         self.threads.install(|| {
             tasks.par_iter_mut().enumerate().for_each(|(part, task)| {
@@ -245,9 +251,28 @@ impl FieldTrainer {
             let ray = space.ray(&view.camera, DVec2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5))?;
             let weight = luxel_core::mask::weight(view.mask.as_deref(), pixel);
             let target = self.state.options.radiance_scale.normalised(view.image.pixels[pixel]);
-            Some(TrainingRay { ray, shift: random::uniform(seed, 2 * index as u64 + 1), target, weight })
+            Some(TrainingRay {
+                ray,
+                shift: random::uniform(seed, 2 * index as u64 + 1),
+                target,
+                weight,
+                background: self.behind(seed, index as u64),
+            })
         };
         self.threads.install(|| (0..self.state.rays).into_par_iter().filter_map(draw).collect())
+    }
+
+    /// Draws the radiance behind a ray. It differs from step to step, so that only an opaque field
+    /// explains the images.
+    fn behind(&self, seed: u64, ray: u64) -> [f32; 3] {
+        let FieldConfig { loss, mu, .. } = self.state.options;
+        [0, 1, 2].map(|c| {
+            let value = random::uniform(!seed, 3 * ray + c);
+            match loss {
+                PixelLoss::Linear => value,
+                PixelLoss::Mulaw => (value * mu.ln_1p()).exp_m1() / mu,
+            }
+        })
     }
 
     /// Moves all parameters against the gradient of the tasks.
@@ -286,11 +311,6 @@ impl FieldTrainer {
         let moving = Moving { parameters: &mut field.weights, first: first_weights, second: second_weights };
         fearless_simd::dispatch!(level, simd => rate.update(simd, moving, &sum));
     }
-}
-
-fn start_threads(threads: usize) -> Result<rayon::ThreadPool, FieldError> {
-    let refused = |e: rayon::ThreadPoolBuildError| FieldError::Threads { threads, message: e.to_string() };
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(refused)
 }
 
 impl TrainingViews {

@@ -15,28 +15,10 @@ pub(crate) struct Intervals<'a> {
     pub(crate) colors: &'a [f32],
 }
 
-/// Weights of the regularisers of a ray, on the scale of the ray's loss.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Regularisers {
-    /// Weight of `-o ln o` of the ray's opacity o: rays end at something.
-    pub(crate) opacity: f32,
-    /// Weight of the distortion loss (Barron et al. 2022): what a ray meets is in one place.
-    pub(crate) distortion: f32,
-}
-
-/// Smallest opacity whose logarithm is taken.
-const MIN_OPACITY: f32 = 1e-6;
-
 /// Computes the weights of a ray's intervals and the transmittance behind each, and adds the
-/// channels to `color`, over `background`. Returns the opacity.
+/// channels to `color`, over `background`.
 #[inline(always)]
-pub(crate) fn composite(
-    intervals: Intervals<'_>,
-    background: &[f32],
-    weights: &mut [f32],
-    transmittance: &mut [f32],
-    color: &mut [f32],
-) -> f32 {
+pub(crate) fn composite(intervals: Intervals<'_>, background: &[f32], weights: &mut [f32], transmittance: &mut [f32], color: &mut [f32]) {
     let channels = color.len();
     color.fill(0.0);
     let (mut in_front, mut opacity) = (1.0, 0.0);
@@ -54,7 +36,6 @@ pub(crate) fn composite(
     for (sum, background) in color.iter_mut().zip(background) {
         *sum += (1.0 - opacity) * background;
     }
-    opacity
 }
 
 /// A composited ray on its way back.
@@ -65,19 +46,17 @@ pub(crate) struct Composited<'a> {
     pub(crate) weights: &'a [f32],
     /// Transmittance behind each interval.
     pub(crate) transmittance: &'a [f32],
-    pub(crate) opacity: f32,
 }
 
 impl Composited<'_> {
-    /// Writes the gradient by densities and colours, given that by the ray's colour. Returns the
-    /// value of the regularisers.
+    /// Writes the gradient by densities and colours, given that by the ray's colour, and adds that
+    /// of the distortion loss (Barron et al. 2022), which draws what a ray meets to one place, times
+    /// `distortion_weight`. Returns the distortion loss times its weight.
     #[inline(always)]
-    pub(crate) fn backward(self, by_color: &[f32], weight: Regularisers, by_density: &mut [f32], by_colors: &mut [f32]) -> f32 {
-        let Self { intervals, background, weights, transmittance, opacity } = self;
+    pub(crate) fn backward(self, by_color: &[f32], distortion_weight: f32, by_density: &mut [f32], by_colors: &mut [f32]) -> f32 {
+        let Self { intervals, background, weights, transmittance } = self;
         let channels = by_color.len();
-        let clamped = opacity.max(MIN_OPACITY);
-        let by_opacity = if opacity > MIN_OPACITY { -weight.opacity * (opacity.ln() + 1.0) } else { 0.0 };
-        let mut value = -weight.opacity * clamped * clamped.ln();
+        let mut value = 0.0;
         // Sums of w and w m over the intervals in front of, and behind the current one.
         let count = weights.len();
         let (mut front, mut front_moment) = (0.0, 0.0);
@@ -87,11 +66,10 @@ impl Composited<'_> {
             let (w, m) = (weights[i], intervals.middle[i]);
             let (behind, behind_moment) = (total - front - w, moment - front_moment - w * m);
             let spread = (m * front - front_moment) + (behind_moment - m * behind);
-            value += weight.distortion * (w * spread + w * w * intervals.length[i] / 3.0);
-            let by_distortion = weight.distortion * (2.0 * spread + 2.0 / 3.0 * w * intervals.length[i]);
+            value += distortion_weight * (w * spread + w * w * intervals.length[i] / 3.0);
+            let mut by_weight = distortion_weight * (2.0 * spread + 2.0 / 3.0 * w * intervals.length[i]);
             (front, front_moment) = (front + w, front_moment + w * m);
             let colors = &intervals.colors[i * channels..][..channels];
-            let mut by_weight = by_opacity + by_distortion;
             for c in 0..channels {
                 by_weight += by_color[c] * (colors[c] - background[c]);
                 by_colors[i * channels + c] = w * by_color[c];

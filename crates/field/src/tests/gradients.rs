@@ -1,7 +1,7 @@
 //! Exact gradients against central differences of the oracle.
 
 use fearless_simd::Level;
-use luxel_core::{RadianceScale, random, sh};
+use luxel_core::{RadianceScale, sh};
 
 use super::oracle::{self, difference};
 use crate::field::Field;
@@ -10,10 +10,11 @@ use crate::lanes::{LANES, Lanes};
 use crate::network::{Activations, Network};
 use crate::networks::{Networks, position_blocks};
 use crate::occupancy::Occupancy;
+use crate::random;
 use crate::space::Ray;
 use crate::task::{StepContext, Task, TrainingRay};
-use crate::volume::{Composited, Intervals, Regularisers, composite};
-use crate::{FieldLoss, FieldOptions, FieldShape, GridShape, Space};
+use crate::volume::{Composited, Intervals, composite};
+use crate::{FieldConfig, FieldShape, GridShape, PixelLoss, Space};
 
 /// Dense and hashed levels, small enough for an oracle.
 const SMALL: GridShape = GridShape { levels: 4, log2_entries: 10, coarsest: 4, finest: 64 };
@@ -124,25 +125,25 @@ fn a_rays_colour_and_its_gradients_are_the_oracles() {
         })
         .collect();
     let colors: Vec<f32> = numbers(9, 3 * count, 2.0);
-    let regularisers = Regularisers { opacity: 0.3, distortion: 0.8 };
+    let distortion_weight = 0.8;
     let intervals = Intervals { density: &density, length: &length, middle: &middle, colors: &colors };
     let (mut weights, mut transmittance, mut color) = (vec![0.0; count], vec![0.0; count], [0.0; 3]);
-    let opacity = composite(intervals, &background, &mut weights, &mut transmittance, &mut color);
+    composite(intervals, &background, &mut weights, &mut transmittance, &mut color);
     let (mut by_density, mut by_colors) = (vec![0.0; count], vec![0.0; 3 * count]);
-    let composited = Composited { intervals, background: &background, weights: &weights, transmittance: &transmittance, opacity };
-    let value = composited.backward(&by_color, regularisers, &mut by_density, &mut by_colors);
+    let composited = Composited { intervals, background: &background, weights: &weights, transmittance: &transmittance };
+    let value = composited.backward(&by_color, distortion_weight, &mut by_density, &mut by_colors);
     let ray = |density: &[f64], colors: &[f64]| oracle::Ray {
         density: density.to_vec(),
         length: wide(&length),
         middle: wide(&middle),
         colors: colors.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect(),
     };
-    let (expected, expected_value) = ray(&wide(&density), &wide(&colors)).composite(background, regularisers);
+    let (expected, expected_value) = ray(&wide(&density), &wide(&colors)).composite(background);
     assert_close(&wide(&color), &expected, 1e-5);
-    assert_close(&[f64::from(value)], &[expected_value], 1e-5);
+    assert_close(&[f64::from(value)], &[0.8 * expected_value], 1e-5);
     let total = |density: &[f64], colors: &[f64]| {
-        let (color, value) = ray(density, colors).composite(background, regularisers);
-        value + (0..3).map(|c| color[c] * f64::from(by_color[c])).sum::<f64>()
+        let (color, distortion) = ray(density, colors).composite(background);
+        0.8 * distortion + (0..3).map(|c| color[c] * f64::from(by_color[c])).sum::<f64>()
     };
     let expected: Vec<f64> = (0..count).map(|i| difference(&wide(&density), i, |d| total(d, &wide(&colors)))).collect();
     assert_close(&wide(&by_density), &expected, 1e-4);
@@ -153,7 +154,7 @@ fn a_rays_colour_and_its_gradients_are_the_oracles() {
 #[test]
 fn losses_have_the_oracles_values_and_slopes() {
     let (prediction, target, mu) = ([0.002, 0.4, 7.0], [0.001, 0.9, 6.0], 5000.0);
-    for loss in [FieldLoss::Linear, FieldLoss::Mulaw] {
+    for loss in [PixelLoss::Linear, PixelLoss::Mulaw] {
         let mut by = [0.0; 3];
         let value = loss.pixel(&prediction, target, mu, &mut by);
         let of = |p: &[f64]| oracle::pixel_loss(loss, [p[0], p[1], p[2]], target, f64::from(mu));
@@ -164,20 +165,19 @@ fn losses_have_the_oracles_values_and_slopes() {
 }
 
 /// A small field of dense fog, and options to train it with.
-fn fog(loss: FieldLoss) -> (Field, FieldOptions) {
+fn fog(loss: PixelLoss) -> (Field, FieldConfig) {
     let grid = Grid::new(SMALL);
     let networks = Networks::new(grid.width());
     let (table, weights) = (numbers(10, grid.len(), 1.0), networks.initial(11).iter().map(|w| 2.0 * w).collect());
     let space = Space { center: [0.0; 3], side: 1.0, near: 0.0 };
     let arrays = crate::FieldArrays { table, weights, occupancy: Occupancy::full(64).densities().to_vec() };
     let field = Field::from_arrays(FieldShape { grid: SMALL, space }, arrays).unwrap();
-    let (background, radiance_scale) = ([0.2, 0.5, 0.1], RadianceScale::ONE);
-    (field, FieldOptions { iterations: 1, seed: 0, loss, mu: 5000.0, background, radiance_scale, grid: SMALL })
+    (field, FieldConfig { iterations: 1, seed: 0, loss, mu: 5000.0, radiance_scale: RadianceScale::ONE, grid: SMALL })
 }
 
 #[test]
 fn the_whole_step_has_the_oracles_loss_and_gradients() {
-    for loss in [FieldLoss::Linear, FieldLoss::Mulaw] {
+    for loss in [PixelLoss::Linear, PixelLoss::Mulaw] {
         let (mut field, options) = fog(loss);
         // Few cells, so that the oracle has few samples.
         field.occupancy.keep(|[x, y, z]| (x + 2 * y + 3 * z) % 23 == 0);
@@ -186,11 +186,16 @@ fn the_whole_step_has_the_oracles_loss_and_gradients() {
                 let d = numbers(20 + i, 3, 1.0);
                 let direction = glam::Vec3::new(d[0], d[1], d[2]).normalize().to_array();
                 let target = [0.5, 0.1 + 0.1 * i as f32, 1.5];
-                TrainingRay { ray: Ray { origin: [0.5; 3], direction }, shift: 0.2 * i as f32, target, weight: 1.0 - 0.1 * i as f32 }
+                TrainingRay {
+                    ray: Ray { origin: [0.5; 3], direction },
+                    shift: 0.2 * i as f32,
+                    target,
+                    weight: 1.0 - 0.1 * i as f32,
+                    background: [0.2, 0.5, 0.1],
+                }
             })
             .collect();
-        let regularisers = Regularisers { opacity: 0.02, distortion: 0.05 };
-        let context = StepContext { field: &field, options: &options, share: 0.2, regularisers };
+        let context = StepContext { field: &field, options: &options, share: 0.2, distortion_weight: 0.05 };
         let (level, mut task) = (Level::new(), Task::default());
         fearless_simd::dispatch!(level, simd => task.run(simd, context, &rays));
         let mut by_table = vec![0.0; field.table.len()];
@@ -218,8 +223,8 @@ fn the_whole_step_has_the_oracles_loss_and_gradients() {
                     found.length.push(f64::from(samples.lengths[i]));
                     found.middle.push(f64::from(samples.middles[i]));
                 }
-                let (color, value) = found.composite(options.background, regularisers);
-                f64::from(ray.weight) * 0.2 * (value + oracle::pixel_loss(loss, color, ray.target, 5000.0))
+                let (color, distortion) = found.composite(ray.background);
+                f64::from(ray.weight) * 0.2 * (0.05 * distortion + oracle::pixel_loss(loss, color, ray.target, 5000.0))
             };
             rays.iter().enumerate().map(of_ray).sum()
         };

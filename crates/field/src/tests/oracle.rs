@@ -1,7 +1,6 @@
 //! The field in f64, written plainly: no blocks, no tables of corners, no gradients.
 
-use crate::volume::Regularisers;
-use crate::{FieldLoss, GridShape};
+use crate::{GridShape, PixelLoss};
 
 /// Features of a position.
 pub(super) fn encode(shape: GridShape, table: &[f64], position: [f64; 3]) -> Vec<f64> {
@@ -64,8 +63,8 @@ pub(super) struct Ray {
 }
 
 impl Ray {
-    /// Colour over a background, and the value of the regularisers.
-    pub(super) fn composite(&self, background: [f32; 3], regularisers: Regularisers) -> ([f64; 3], f64) {
+    /// Colour over a background, and the distortion loss.
+    pub(super) fn composite(&self, background: [f32; 3]) -> ([f64; 3], f64) {
         let mut transmittance = 1.0;
         let weights: Vec<f64> = (0..self.density.len())
             .map(|i| {
@@ -76,7 +75,7 @@ impl Ray {
             })
             .collect();
         let mut color = background.map(|b| f64::from(b) * transmittance);
-        let (mut distortion, opacity) = (0.0, 1.0 - transmittance);
+        let mut distortion = 0.0;
         for (i, w) in weights.iter().enumerate() {
             for c in 0..3 {
                 color[c] += w * self.colors[i][c];
@@ -84,16 +83,15 @@ impl Ray {
             distortion += w * w * self.length[i] / 3.0;
             distortion += weights.iter().zip(&self.middle).map(|(v, m)| w * v * (self.middle[i] - m).abs()).sum::<f64>();
         }
-        let entropy = if opacity > 0.0 { -opacity * opacity.ln() } else { 0.0 };
-        (color, f64::from(regularisers.opacity) * entropy + f64::from(regularisers.distortion) * distortion)
+        (color, distortion)
     }
 }
 
 /// Mean squared difference of a pixel.
-pub(super) fn pixel_loss(loss: FieldLoss, prediction: [f64; 3], target: [f32; 3], mu: f64) -> f64 {
+pub(super) fn pixel_loss(loss: PixelLoss, prediction: [f64; 3], target: [f32; 3], mu: f64) -> f64 {
     let value = |x: f64| match loss {
-        FieldLoss::Linear => x,
-        FieldLoss::Mulaw => (mu * x).ln_1p() / mu.ln_1p(),
+        PixelLoss::Linear => x,
+        PixelLoss::Mulaw => (mu * x).ln_1p() / mu.ln_1p(),
     };
     (0..3).map(|c| (value(prediction[c]) - value(f64::from(target[c]))).powi(2)).sum::<f64>() / 3.0
 }
