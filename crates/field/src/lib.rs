@@ -17,6 +17,7 @@ mod occupancy;
 mod options;
 mod random;
 mod render;
+mod sampling;
 mod space;
 mod task;
 #[cfg(test)]

@@ -13,9 +13,8 @@ use crate::head::softplus;
 use crate::lanes::LANES;
 use crate::march::March;
 use crate::networks::{RAW, Room, Samples};
+use crate::sampling::MIN_TRANSMITTANCE;
 
-/// Transmittance at which a ray ends.
-const MIN_TRANSMITTANCE: f32 = 1e-4;
 /// Pixels that a thread renders at a time.
 const CHUNK: usize = 256;
 /// Samples of a ray that are evaluated at a time.

@@ -9,28 +9,16 @@ use fearless_simd::Simd;
 use crate::field::Field;
 use crate::head::{logistic, softplus};
 use crate::lanes::Lanes;
-use crate::march::March;
 use crate::networks::{Room, Samples, from_blocks, into_blocks};
 use crate::options::FieldConfig;
-use crate::space::Ray;
+use crate::sampling::{Sampling, TrainingRay};
 use crate::volume::{Composited, Intervals, composite};
-
-/// A ray with what it should show.
-#[derive(Clone, Copy)]
-pub(crate) struct TrainingRay {
-    pub(crate) ray: Ray,
-    pub(crate) shift: f32,
-    /// Normalised units.
-    pub(crate) target: [f32; 3],
-    pub(crate) weight: f32,
-    /// Radiance behind everything, normalised units.
-    pub(crate) background: [f32; 3],
-}
 
 /// A part of a step, with memory for it.
 #[derive(Default)]
 pub(crate) struct Task {
     pub(crate) samples: Samples,
+    sampling: Sampling,
     room: Room,
     densities: Vec<f32>,
     raw: Vec<f32>,
@@ -63,15 +51,7 @@ impl Task {
     pub(crate) fn run<S: Simd>(&mut self, simd: S, context: StepContext<'_>, rays: &[TrainingRay]) {
         let StepContext { field, options, share, distortion_weight } = context;
         let (networks, parameters) = (&field.networks, field.parameters());
-        self.samples.clear();
-        for ray in rays {
-            self.samples.begin(ray.ray.direction);
-            let mut march = March::new(ray.ray, field.shape().space.near, ray.shift);
-            while let Some(interval) = march.next(&field.occupancy) {
-                self.samples.push(interval.position, interval.middle, interval.length);
-            }
-        }
-        self.samples.end();
+        self.sampling.find(simd, field, rays, &mut self.room, &mut self.samples);
         let count = self.samples.len();
         networks.densities(simd, &field.grid, parameters, &self.samples.positions, &mut self.room, &mut self.densities);
         let raw = networks.colors(simd, parameters, &self.samples, &mut self.room);

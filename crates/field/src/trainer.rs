@@ -23,7 +23,8 @@ use crate::field::{Field, FieldArrays, FieldShape};
 use crate::loss::PixelLoss;
 use crate::options::FieldConfig;
 use crate::random;
-use crate::task::{StepContext, Task, TrainingRay};
+use crate::sampling::TrainingRay;
+use crate::task::{StepContext, Task};
 use crate::threads::start_threads;
 
 /// Samples that a step aims at.

@@ -50,8 +50,8 @@ pub(crate) struct Composited<'a> {
 
 impl Composited<'_> {
     /// Writes the gradient by densities and colours, given that by the ray's colour, and adds that
-    /// of the distortion loss (Barron et al. 2022), which draws what a ray meets to one place, times
-    /// `distortion_weight`. Returns the distortion loss times its weight.
+    /// of the distortion loss (Barron et al. 2022), which draws what a ray meets to one place,
+    /// times `distortion_weight`. Returns the distortion loss times its weight.
     #[inline(always)]
     pub(crate) fn backward(self, by_color: &[f32], distortion_weight: f32, by_density: &mut [f32], by_colors: &mut [f32]) -> f32 {
         let Self { intervals, background, weights, transmittance } = self;

@@ -11,7 +11,7 @@ mod range;
 mod spec;
 mod validate;
 
-pub use choices::{BatchRule, CutoffPreset, ExposureCompensation, Freeze, Method, NamedChoice, Preset, ScaleRule, Strategy};
+pub use choices::{BatchRule, CutoffPreset, ExposureCompensation, FieldLoss, Freeze, Method, NamedChoice, Preset, ScaleRule, Strategy};
 pub use options::{OPTIONS, TrainConfig};
 pub use range::Range;
 pub use spec::{Condition, OptionSpec, ValueHelp};
@@ -68,7 +68,8 @@ impl TrainConfig {
         self
     }
 
-    /// Returns the colour model that `method` and the options beside it make up.
+    /// Returns the colour model that `method` and the options beside it make up; LCD for methods
+    /// that train a field, which has no splats to give it to.
     pub fn color_model(&self) -> ColorModel {
         match self.sh_degree() {
             Some(degree) => ColorModel::Sh { degree },
@@ -82,7 +83,7 @@ impl TrainConfig {
 
     fn sh_degree(&self) -> Option<u8> {
         match self.method {
-            Method::Lcd => None,
+            Method::Lcd | Method::NerfGrid => None,
             Method::Sh0 => Some(0),
             Method::Sh1 => Some(1),
             Method::Sh2 => Some(2),

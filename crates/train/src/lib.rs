@@ -36,12 +36,12 @@ mod views;
 mod vignetting;
 
 pub use config::{
-    BatchRule, Condition, CutoffPreset, ExposureCompensation, Freeze, MAX_BATCH, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS, Method, Misplaced,
-    NamedChoice, OPTIONS, OptionSpec, Preset, Range, ScaleRule, Strategy, TrainConfig, ValueHelp, parse_rgb,
+    BatchRule, Condition, CutoffPreset, ExposureCompensation, FieldLoss, Freeze, MAX_BATCH, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS, Method,
+    Misplaced, NamedChoice, OPTIONS, OptionSpec, Preset, Range, ScaleRule, Strategy, TrainConfig, ValueHelp, parse_rgb,
 };
 pub use contribution::add_contribution;
 pub use error::TrainError;
-pub use init::{Initial, first_colors_bytes, initialise};
+pub use init::{Initial, first_colors_bytes, initialise, start_scale};
 pub use neighbourhood::Neighbourhood;
 pub use pixel_weights::NoiseChoice;
 pub use poses::{ALIGNMENT_STEPS, AlignmentScene, PoseChange, PoseReport, align_camera, pose_change};

@@ -10,7 +10,7 @@ use luxel::run::{Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLoc
 use luxel::{LoadOptions, files, output};
 use luxel_core::tone::Tonemap;
 use luxel_core::{Dataset, RadianceScale, View, luminance_rec709};
-use luxel_train::{TrainConfig, Trainer};
+use luxel_train::{NamedChoice, TrainConfig, Trainer};
 use serde_json::json;
 
 use crate::args::DemoArgs;
@@ -40,6 +40,9 @@ const PICTURE_ENDINGS: [[&str; 2]; 2] = [["shadows", "shadows_photograph"], ["hi
 /// Trains, evaluates, renders, and reports where the results are.
 pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
     let console = Console::new(args.console.log_format, args.console.quiet);
+    if args.method.is_field() {
+        bail!("--method {}: the demo trains splats; train a radiance field with luxel train", args.method.name());
+    }
     output::check_folder_name(&args.output, &output::RESULT_EXTENSIONS)?;
     let folder = RunFolder::at(&args.output);
     may_replace(&folder)?;

@@ -11,8 +11,9 @@ use crate::network::{Activations, Network};
 use crate::networks::{Networks, position_blocks};
 use crate::occupancy::Occupancy;
 use crate::random;
+use crate::sampling::TrainingRay;
 use crate::space::Ray;
-use crate::task::{StepContext, Task, TrainingRay};
+use crate::task::{StepContext, Task};
 use crate::volume::{Composited, Intervals, composite};
 use crate::{FieldConfig, FieldShape, GridShape, PixelLoss, Space};
 

@@ -16,6 +16,7 @@
 //! else running, then reported. Degenerate: a run that fails is left out of the report and named in
 //! it; the others continue.
 
+mod beside;
 mod columns;
 mod crops;
 mod csv;
@@ -43,9 +44,10 @@ use luxel_metrics::LuminanceProfile;
 use self::editing::Edited;
 use self::matrix::{CellState, Matrix};
 use self::measure::MeasureOptions;
-pub use self::method::{METHOD_OPTIONS, parse_method};
+pub use self::method::{METHOD_OPTIONS, StudyMethod, parse_method};
 pub use self::options::{StudyDataset, StudyOptions, parse_dataset};
 use self::page::Content;
+pub use self::paper::parse_methods;
 pub use self::plan::{StudyPlan, plan};
 use self::results::CellResult;
 use self::tables::Tables;
@@ -132,7 +134,10 @@ fn write(matrix: &Matrix, results: &[CellResult], failures: &[Failure], edited: 
     files::write_text(&paths.means, &csv::means(matrix, results))?;
     files::write_text(&paths.profiles, &csv::profiles(matrix, &profiles))?;
     files::write_text(&paths.editing, &csv::editing(matrix, edited))?;
-    files::write_text(&paths.tables, &(latex::document(matrix, &tables) + &latex::editing(matrix, edited)))?;
+    files::write_text(
+        &paths.tables,
+        &(latex::document(matrix, &tables) + &beside::latex(matrix, &tables) + &latex::editing(matrix, edited)),
+    )?;
     let editing = editing::section(matrix, edited)?;
     let content = Content { matrix, results, failures, tables: &tables, profiles: &profiles, editing };
     files::write_text(&paths.report, &page::page(&content)?)?;

@@ -13,7 +13,7 @@ use super::spec::{OptionValue, ValueHelp};
 ///
 /// assert_eq!(Method::from_name("sh3"), Some(Method::Sh3));
 /// assert_eq!(Method::Lcd.name(), "lcd");
-/// assert_eq!(Method::VALUES.len(), 7);
+/// assert!(Method::from_name("nerf-grid").is_some_and(Method::is_field));
 /// ```
 pub trait NamedChoice: Copy + PartialEq + 'static {
     /// The values with names and helps, in the order of listing.
@@ -104,6 +104,16 @@ choices! {
         Sh4: "sh4",
         /// Spherical harmonics of RGB radiance, degree 5
         Sh5: "sh5",
+        /// No splats: a radiance field on a hash grid, of softplus radiance (NeRF)
+        NerfGrid: "nerf-grid",
+    }
+
+    /// Values of a pixel whose squared difference a radiance field minimises.
+    pub enum FieldLoss = Mulaw {
+        /// Radiance in normalised units: lamps outweigh everything else
+        Linear: "linear",
+        /// The mu-law of radiance, not clamped
+        Mulaw: "mulaw",
     }
 
     /// Strategies by which the number of splats grows.
@@ -188,6 +198,13 @@ impl NamedChoice for Antialias {
             ValueHelp { name: "mip", help: "Mip-splatting's filters: the pixel's, and no detail finer than the training images sample" },
         ),
     ];
+}
+
+impl Method {
+    /// Returns whether the method trains a radiance field, which has no splats.
+    pub fn is_field(self) -> bool {
+        self == Self::NerfGrid
+    }
 }
 
 impl ExposureCompensation {

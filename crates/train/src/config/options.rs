@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::range::Range;
 use super::spec::{Access, Condition, OptionSpec, OptionValue, check_in, parse_in};
-use super::{BatchRule, CutoffPreset, ExposureCompensation, Freeze, MAX_BATCH, MAX_SEED, Method, Preset, ScaleRule, Strategy};
+use super::{BatchRule, CutoffPreset, ExposureCompensation, FieldLoss, Freeze, MAX_BATCH, MAX_SEED, Method, Preset, ScaleRule, Strategy};
 use crate::{NoiseChoice, ResolutionSchedule};
 
 /// Writes the struct, its defaults and the list of options.
@@ -100,7 +100,7 @@ options! {
         dropout: f32 = 0.2, "FRACTION", Range::ShareBelowOne;
     }
     "Colour model" {
-        /// Colour model
+        /// Colour model of splats, or a radiance field in place of splats
         method: Method = Method::Lcd, "METHOD", Range::Any;
         /// Map from the raw luminance to luminance
         activation: Option<Activation> = None, "ACTIVATION", Range::Any, unset: "softplus", needs: [Lcd];
@@ -126,6 +126,8 @@ options! {
         /// Fraction of L1 that is replaced by d^2 / 0.06, where d is a pixel's difference under the
         /// mu-law, so that large errors count more
         squared_share: f32 = 0.5, "FRACTION", Range::Share;
+        /// Values of a pixel whose squared difference a radiance field minimises
+        field_loss: Option<FieldLoss> = None, "FIELD_LOSS", Range::Any, unset: "mulaw", needs: [NerfGrid];
     }
     "Captures" {
         /// Optimise gains of the training images with the scene, for exposure or white balance that

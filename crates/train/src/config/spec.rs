@@ -119,6 +119,8 @@ impl OptionSpec {
 pub enum Condition {
     /// The colour model is LCD.
     Lcd,
+    /// A radiance field is trained on radiance.
+    NerfGrid,
     /// Splats are added by adaptive density control.
     Adc,
     /// Splats are added by MCMC.
@@ -139,8 +141,9 @@ pub enum Condition {
 
 impl Condition {
     /// All conditions.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Lcd,
+        Self::NerfGrid,
         Self::Adc,
         Self::Mcmc,
         Self::Absgrad,
@@ -154,7 +157,7 @@ impl Condition {
     /// Returns the name of the option that makes the choice.
     pub fn option(self) -> &'static str {
         match self {
-            Self::Lcd => "method",
+            Self::Lcd | Self::NerfGrid => "method",
             Self::Adc | Self::Mcmc => "strategy",
             Self::Absgrad => "absgrad",
             Self::Batch => "batch",
@@ -168,6 +171,7 @@ impl Condition {
     pub fn value(self) -> &'static str {
         match self {
             Self::Lcd => "lcd",
+            Self::NerfGrid => "nerf-grid",
             Self::Adc => "adc",
             Self::Mcmc => "mcmc",
             Self::Absgrad | Self::RefinePoses => "",
@@ -181,6 +185,7 @@ impl Condition {
     pub fn is_met(self, config: &TrainConfig) -> Option<bool> {
         match self {
             Self::Lcd => Some(config.method == Method::Lcd),
+            Self::NerfGrid => Some(config.method == Method::NerfGrid),
             Self::Adc => Some(config.strategy == Strategy::Adc),
             Self::Mcmc => Some(config.strategy == Strategy::Mcmc),
             Self::Absgrad => Some(config.absgrad),

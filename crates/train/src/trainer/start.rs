@@ -15,7 +15,7 @@ use crate::recorded::is_recorded;
 use crate::state::{Start, State, poses_of};
 use crate::views::TrainingViews;
 use crate::vignetting::{Lenses, check_lenses};
-use crate::{Initial, Schedule, TrainConfig, TrainError, initialise};
+use crate::{Initial, NamedChoice, Schedule, TrainConfig, TrainError, initialise};
 
 /// Factor between the greatest distance of a camera from the cameras' centroid and the scene's
 /// extent (Kerbl et al. 2023).
@@ -52,6 +52,7 @@ impl Trainer {
 
     fn start(dataset: &Dataset, scene: Option<&Scene>, config: TrainConfig, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
         config.validate()?;
+        check_method(&config)?;
         check_views(dataset)?;
         check_batch(dataset, &config)?;
         check_focal(dataset, &config)?;
@@ -135,6 +136,14 @@ impl Trainer {
         };
         trainer.restore_poses();
         trainer
+    }
+}
+
+/// Refuses methods that train no splats.
+fn check_method(config: &TrainConfig) -> Result<(), TrainError> {
+    match config.method.is_field() {
+        true => Err(TrainError::config("method", format!("{} trains a radiance field, not splats", config.method.name()))),
+        false => Ok(()),
     }
 }
 

@@ -9,7 +9,7 @@ use luxel_core::{
     Splats, Target, View, spatial_order, synthetic,
 };
 use luxel_io::ReadOptions;
-use luxel_train::{Method, TrainConfig};
+use luxel_train::{Method, NamedChoice, TrainConfig};
 
 use crate::args::BenchArgs;
 use crate::args::values::OrderArg;
@@ -146,6 +146,9 @@ pub(super) fn save(args: &BenchArgs, path: &Path) -> Result<()> {
 /// Returns the splats in the colour model asked for.
 fn in_method(splats: Splats, method: Option<Method>, name: &str) -> Result<Splats> {
     let Some(method) = method else { return Ok(splats) };
+    if method.is_field() {
+        bail!("--method {}: the workload is splats, and a radiance field has none", method.name());
+    }
     let model: ColorModel = TrainConfig { method, ..TrainConfig::default() }.color_model();
     if model == splats.color_model {
         return Ok(splats);
