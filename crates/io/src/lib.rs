@@ -3,6 +3,7 @@
 //! Every file is treated as hostile: truncated, huge, cyclic, NaN. The answer is an [`IoError`]
 //! that names file, place, expected and found; no panic, no unbounded allocation.
 
+mod arrays;
 mod atomic;
 mod bake;
 mod byte_order_mark;
@@ -35,6 +36,7 @@ mod tensors;
 mod usd;
 mod validity;
 
+pub use arrays::{Arrays, NamedArray, decode_arrays, encode_arrays, holds_arrays, read_arrays, write_arrays};
 pub use atomic::{WriteSeek, is_unfinished_name, notice_written, remove_unfinished, sweep_unfinished, write_atomically};
 pub use bake::{Appearance, BakeOptions, Baked, MIDDLE_GREY, display_exposure};
 pub use camera_path::{PathCamera, decode_camera_path, read_camera_path};

@@ -403,6 +403,13 @@ fn repacked_scenes_give_recordings_with_and_without_ground_truth() {
     assert_eq!(data.train.iter().chain(&data.test).map(recorded).collect::<Vec<_>>(), [0.125, 0.5, 0.125, 0.5].map(Some));
     scene.flat("exr/1.exr", 3.0);
     assert_eq!(names(&scene.read(&as_hdr_gs()).unwrap().test), ["exr/1"]);
+    // Stated exposures take the place of the assumed ones, and must be complete.
+    scene.write("exposure_train.json", r#"{"0_0": 0.5, "0_1": 2.0, "1_0": 4.0, "1_1": 8.0}"#);
+    let data = scene.read(&as_hdr_gs()).unwrap();
+    assert_eq!(data.train.iter().map(recorded).collect::<Vec<_>>(), [0.5, 2.0].map(Some));
+    scene.write("exposure_train.json", r#"{"0_0": 0.5}"#);
+    let error = scene.read(&as_hdr_gs()).unwrap_err().to_string();
+    assert!(error.contains("no exposure of \"0_1\""), "{error}");
 }
 
 /// HDR-NeRF's layout with radiance and three captured images of each of two training poses.

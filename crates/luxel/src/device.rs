@@ -152,6 +152,19 @@ impl SelectedEngine {
         Self::open(options)
     }
 
+    /// Opens the processor's engine for a task that no GPU does, such as a radiance field; `reason`
+    /// says so where the device was left open.
+    ///
+    /// # Errors
+    /// A GPU that was asked for.
+    pub fn on_processor(options: &DeviceOptions, reason: &str) -> Result<Self> {
+        if options.device.is_gpu() {
+            return Err(Error::new(reason.to_owned()).with_remedy(Remedy::set("device", "cpu")));
+        }
+        let is_open = options.device == Device::Auto;
+        cpu(threads(options)?, InstructionSet::Best, is_open.then(|| reason.to_owned()))
+    }
+
     /// Opens the engine with a choice among the processor's instruction sets.
     ///
     /// # Errors

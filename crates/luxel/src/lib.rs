@@ -62,6 +62,7 @@ pub mod edit;
 mod error;
 mod events;
 pub mod export;
+pub mod field;
 pub mod files;
 pub mod lens;
 mod log_record;

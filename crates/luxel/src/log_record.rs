@@ -10,10 +10,13 @@ pub struct LogRecord {
     pub iteration: u32,
     /// Training loss.
     pub loss: f64,
-    /// Mean absolute difference under the mu-law.
-    pub l1: f64,
-    /// Mean SSIM under the mu-law.
-    pub ssim: f64,
+    /// Mean absolute difference under the mu-law; `None` from a radiance field, which is trained on
+    /// single pixels.
+    #[serde(default)]
+    pub l1: Option<f64>,
+    /// Mean SSIM under the mu-law; `None` from a radiance field.
+    #[serde(default)]
+    pub ssim: Option<f64>,
     /// PSNR of one training view, protocol `scene`, dB.
     pub psnr_train: Option<f64>,
     /// Mean PSNR of the test views at the last evaluation, protocol `scene`, dB.
@@ -63,8 +66,8 @@ mod tests {
         let record = LogRecord {
             iteration: 100,
             loss: 0.1,
-            l1: 0.05,
-            ssim: 0.9,
+            l1: Some(0.05),
+            ssim: Some(0.9),
             psnr_train: None,
             psnr_test: None,
             psnr_test_sample: None,

@@ -12,7 +12,7 @@ mod spec;
 mod validate;
 
 pub use choices::{
-    BatchRule, CutoffPreset, ExposureCompensation, Freeze, HdrNormalisation, Method, NamedChoice, Preset, ScaleRule, Strategy,
+    BatchRule, CutoffPreset, ExposureCompensation, FieldLoss, Freeze, HdrNormalisation, Method, NamedChoice, Preset, ScaleRule, Strategy,
 };
 pub use options::{OPTIONS, TrainConfig};
 pub use range::Range;
@@ -70,7 +70,8 @@ impl TrainConfig {
         self
     }
 
-    /// Returns the colour model that `method` and the options beside it make up.
+    /// Returns the colour model that `method` and the options beside it make up; LCD for methods
+    /// that train a field, which has no splats to give it to.
     pub fn color_model(&self) -> ColorModel {
         match self.sh_degree() {
             _ if matches!(self.method, Method::LogSh3 | Method::HdrGs) => ColorModel::LogSh { degree: 3 },
@@ -85,7 +86,7 @@ impl TrainConfig {
 
     fn sh_degree(&self) -> Option<u8> {
         match self.method {
-            Method::Lcd | Method::LogSh3 | Method::HdrGs => None,
+            Method::Lcd | Method::LogSh3 | Method::HdrGs | Method::NerfGrid => None,
             Method::Sh0 => Some(0),
             Method::Sh1 => Some(1),
             Method::Sh2 => Some(2),

@@ -38,12 +38,13 @@ mod views;
 mod vignetting;
 
 pub use config::{
-    BatchRule, Condition, CutoffPreset, ExposureCompensation, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS,
-    Method, Misplaced, NamedChoice, OPTIONS, OptionSpec, Preset, Range, ScaleRule, Strategy, TrainConfig, ValueHelp, parse_rgb,
+    BatchRule, Condition, CutoffPreset, ExposureCompensation, FieldLoss, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED,
+    MCMC_DEFAULT_MAX_SPLATS, Method, Misplaced, NamedChoice, OPTIONS, OptionSpec, Preset, Range, ScaleRule, Strategy, TrainConfig,
+    ValueHelp, parse_rgb,
 };
 pub use contribution::add_contribution;
 pub use error::TrainError;
-pub use init::{Initial, first_colors_bytes, initialise, radiance_scale_of};
+pub use init::{Initial, first_colors_bytes, initialise, radiance_scale_of, start_scale};
 pub use neighbourhood::Neighbourhood;
 pub use peers::ToneMapperRecord;
 pub use pixel_weights::NoiseChoice;

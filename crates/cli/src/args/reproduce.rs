@@ -5,8 +5,7 @@ use std::path::PathBuf;
 use clap::builder::{OsStringValueParser, Resettable, TypedValueParser};
 use clap::{Arg, Args};
 use luxel::run::ExplicitArgs;
-use luxel::study::{METHOD_OPTIONS, StudyDataset, StudyShare, parse_dataset, parse_method, parse_share};
-use luxel_core::ColorModel;
+use luxel::study::{METHOD_OPTIONS, StudyDataset, StudyMethod, StudyShare, parse_dataset, parse_methods, parse_share};
 use luxel_train::{MAX_SEED, NamedChoice, OptionSpec, Preset, TrainConfig};
 
 use super::train_options::TrainOptions;
@@ -16,7 +15,9 @@ use super::{ConsoleArgs, DeviceArgs, LoadArgs, MetricsArgs};
 #[derive(Debug, Args)]
 #[command(
     after_help = "Methods: sh0 to sh5 (spherical harmonics of RGB radiance; sh3 is 3D Gaussian splatting), lcd (LCD-GS); after lcd, -exp or -relu \
-    for the activation of the luminance, -l1 to -l3 for a luminance that varies with the view, -c0 to -c5 for the degree of chromaticity: lcd-c2-l1.\n\n\
+    for the activation of the luminance, -l1 to -l3 for a luminance that varies with the view, -c0 to -c5 for the degree of chromaticity: lcd-c2-l1; \
+    nerf-grid (a radiance field on a hash grid), nerf-grid-linear with the loss of linear radiance. table1 and table2 stand for the rows of the paper's \
+    tables of results on synthetic and on real data, as far as they exist here.\n\n\
     Every run is a folder below DIR/runs. Finished runs are kept, interrupted ones are continued; the same command again writes the report anew. \
     Methods, data sets and seeds can be added: the report covers them and all finished runs of earlier commands. Other options need another folder. Ctrl-C and SIGTERM save all runs and exit with code 130, or SIGTERM with that of --requeue-code.\n\n\
     luxel reproduce desk-lamp bathroom -o paper --iterations 7000\n\
@@ -32,16 +33,16 @@ pub(crate) struct ReproduceArgs {
     /// Folder for runs and report.
     #[arg(long, short, value_name = "DIR")]
     pub(crate) output: PathBuf,
-    /// Methods, in the order of the tables.
+    /// Methods, in the order of the tables; table1 and table2 for those of the paper's tables.
     #[arg(
         long,
         value_delimiter = ',',
-        value_parser = parse_method,
+        value_parser = method_names,
         default_value = "sh3,sh4,sh5,lcd,lcd-exp,lcd-relu",
         value_name = "NAMES",
         help_heading = "Matrix"
     )]
-    pub(crate) methods: Vec<ColorModel>,
+    pub(crate) methods: Vec<MethodNames>,
     /// Seeds; each method is trained once per seed on each data set.
     #[arg(
         long,
@@ -94,6 +95,14 @@ pub(crate) struct ReproduceArgs {
     /// Options of training for all runs.
     #[command(flatten)]
     pub(crate) train: TrainOptions,
+}
+
+/// The methods that one name stands for.
+#[derive(Clone, Debug)]
+pub(crate) struct MethodNames(pub(crate) Vec<StudyMethod>);
+
+fn method_names(text: &str) -> Result<MethodNames, String> {
+    parse_methods(text).map(MethodNames)
 }
 
 /// Returns whether an option of training is decided for each run.

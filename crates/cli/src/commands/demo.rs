@@ -40,6 +40,9 @@ const PICTURE_ENDINGS: [[&str; 2]; 2] = [["shadows", "shadows_photograph"], ["hi
 /// Trains, evaluates, renders, and reports where the results are.
 pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
     let console = Console::new(args.console.log_format, args.console.quiet);
+    if args.method.is_field() {
+        bail!("--method {}: the demo trains splats; train a radiance field with luxel train", args.method.name());
+    }
     output::check_folder_name(&args.output, &output::RESULT_EXTENSIONS)?;
     let folder = RunFolder::at(&args.output);
     may_replace(&folder)?;

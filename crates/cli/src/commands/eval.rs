@@ -28,7 +28,7 @@ pub(crate) fn run(args: &EvalArgs, explicit: &ExplicitArgs) -> Result<()> {
     let (folder, config) = RunFolder::open(&args.scene)?;
     // While a training works in the folder, metrics of an older step would replace its own.
     let _lock = folder.lock()?;
-    let engine = engine::engine(&args.device)?;
+    let engine = engine::engine_of(&args.device, Some(&config))?;
     let request = DataRequest { data: args.data.as_deref(), load: &args.load, explicit };
     let (path, load) = request.of_run(&folder, &config)?;
     let dataset = data::load(&path, &load, &console)?;

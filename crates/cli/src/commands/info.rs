@@ -1,5 +1,7 @@
 //! `luxel info`: the content of a file or folder.
 
+mod field;
+
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
@@ -91,8 +93,13 @@ fn describe_scene_file(path: &Path) -> Result<Tree> {
 }
 
 fn describe_checkpoint(path: &Path) -> Result<Tree> {
-    let snapshot = luxel_io::read_checkpoint(path).context("cannot read the checkpoint")?;
     let mut facts = Tree::default();
+    if let Some(scene) = luxel::field::open_file(path).context("cannot read the field")? {
+        facts.set("kind", "radiance field");
+        field::add_to(&mut facts, &scene);
+        return Ok(facts);
+    }
+    let snapshot = luxel_io::read_checkpoint(path).context("cannot read the checkpoint")?;
     facts.set("kind", "checkpoint");
     add_scene(&mut facts, &snapshot.scene);
     // Some of the trainer's own state.
@@ -115,7 +122,27 @@ fn describe_run(path: &Path, console: &Console) -> Result<Tree> {
     facts.set("iterations", config.train.iterations);
     facts.set("seed", config.train.seed);
     facts.set("luxel_version", config.luxel_version.clone());
-    match state::newest_scene(&folder, console) {
+    if config.train.method.is_field() {
+        match luxel::field::newest_field(&folder, console) {
+            Ok((iteration, scene)) => {
+                let mut newest = Tree::default();
+                newest.set("iteration", iteration);
+                field::add_to(&mut newest, &scene);
+                facts.group("field", newest);
+            }
+            Err(error) => {
+                facts.set("field", format!("{error:#}"));
+            }
+        }
+    } else {
+        add_newest_scene(&mut facts, &folder, console);
+    }
+    add_metrics(&mut facts, &folder);
+    Ok(facts)
+}
+
+fn add_newest_scene(facts: &mut Tree, folder: &RunFolder, console: &Console) {
+    match state::newest_scene(folder, console) {
         Ok((iteration, scene)) => {
             let mut newest = Tree::default();
             newest.set("iteration", iteration);
@@ -126,6 +153,9 @@ fn describe_run(path: &Path, console: &Console) -> Result<Tree> {
             facts.set("scene", format!("{error:#}"));
         }
     }
+}
+
+fn add_metrics(facts: &mut Tree, folder: &RunFolder) {
     let metrics = luxel_io::read_file(&folder.metrics()).ok().and_then(|bytes| serde_json::from_slice::<Metrics>(&bytes).ok());
     if let Some(metrics) = metrics {
         let mut metrics_tree = Tree::default();
@@ -143,7 +173,6 @@ fn describe_run(path: &Path, console: &Console) -> Result<Tree> {
         }
         facts.group("metrics", metrics_tree);
     }
-    Ok(facts)
 }
 
 fn describe_dataset(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs) -> Result<Tree> {

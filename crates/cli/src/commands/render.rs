@@ -49,6 +49,24 @@ fn stack(args: &RenderArgs) -> Result<Option<EditStack>> {
     })
 }
 
+/// The engine that renders, and the digest of the field that it holds, if it is one.
+struct OpenEngine {
+    engine: Box<dyn Engine>,
+    field_digest: Option<String>,
+}
+
+/// Opens the engine, and puts a radiance field into it.
+fn open_engine(args: &RenderArgs, source: &mut SceneSource) -> Result<OpenEngine> {
+    let selected = engine::engine_of(&device(args), source.run.as_ref().map(|(_, config)| config))?;
+    let Some(field) = source.field.take() else { return Ok(OpenEngine { engine: selected.engine, field_digest: None }) };
+    if let (Some((folder, _)), true) = (&source.run, args.edit.is_some() || args.edits.is_some()) {
+        // Edits are of splats.
+        luxel::field::refuse_field(folder)?;
+    }
+    let field_digest = Some(field.digest());
+    Ok(OpenEngine { engine: field.into_engine(selected)?.engine, field_digest })
+}
+
 /// Renders the images that are not there; `explicit` names the options that were given.
 pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(args.input.console.log_format, args.input.console.quiet);
@@ -56,10 +74,10 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     if let Some(path) = &args.video {
         video::check(args, path)?;
     }
-    let mut source = SceneSource::open(&args.input.scene, &console)?;
+    let mut source = SceneSource::open_to_render(&args.input.scene, &console)?;
     let request = DataRequest::new(&args.input, explicit);
     let shots = shots::shots(args, request, &source, &console)?;
-    let mut engine = engine::engine(&device(args))?.engine;
+    let OpenEngine { mut engine, field_digest } = open_engine(args, &mut source)?;
     if let Some(stack) = stack(args)? {
         let masks = masks::mask_shares(&stack.selecting(), &source, request, engine.as_mut(), &console)?;
         let removed = masks::removed(&stack, &source, &masks, request, engine.as_mut(), &console)?;
@@ -71,7 +89,11 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     let raster = RasterConfig { samples: args.samples.unwrap_or(scene.raster.samples), ..scene.raster };
     let options = RenderOptions { raster, background, ..scene.render_options() };
     let cameras = args.path.is_some().then(|| shots.all.iter().map(|shot| shot.in_world(scene)).collect::<Vec<_>>());
-    let all = jobs(args, shots, &recipe(args, scene, &options), &console)?;
+    let mut recipe = recipe(args, scene, &options);
+    if let Some(digest) = &field_digest {
+        recipe = recipe.with("field", digest);
+    }
+    let all = jobs(args, shots, &recipe, &console)?;
     let jobs = unmade(&all, args.overwrite)?;
     let video = args.video.as_ref().map(|path| video::Video::plan(args, path, &all)).transpose()?;
     if jobs.len() < all.len() {
@@ -86,7 +108,9 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     if let Some(cameras) = cameras {
         shots::write_path(&args.output, &cameras, args.overwrite, &console)?;
     }
-    engine.load(&scene.splats, None).context("cannot load the scene")?;
+    if field_digest.is_none() {
+        engine.load(&scene.splats, None).context("cannot load the scene")?;
+    }
     let mut too_bright = 0usize;
     let mut progress = FrameProgress { observer: &console, done: 0, total: u32::try_from(jobs.len()).unwrap_or(u32::MAX) };
     for job in &jobs {

@@ -94,7 +94,7 @@ fn print_jobs(jobs: &[StudyJob], words: &[OsString], console: &Console) -> Resul
 fn options(args: &ReproduceArgs, explicit: &ExplicitArgs) -> Result<StudyOptions> {
     let program = std::env::current_exe().context("cannot find the file of this program, which trains the runs")?;
     Ok(StudyOptions {
-        methods: args.methods.clone(),
+        methods: args.methods.iter().flat_map(|names| names.0.iter().copied()).collect(),
         seeds: args.seeds.clone(),
         jobs: args.jobs as usize,
         checkpoint_every: args.checkpoint_every,

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use luxel::field::TrainedField;
 use luxel::run::{
     ExplicitArgs, Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLock, TrainedRun, follow, fresh_over, resume_over,
 };
@@ -32,11 +33,10 @@ enum Start {
     Resume(RunConfig),
 }
 
-#[cfg(feature = "view")]
 impl Start {
-    fn dataset(&self) -> &Path {
+    fn config(&self) -> &RunConfig {
         let (Self::Fresh(config) | Self::Replace(config, _) | Self::Resume(config)) = self;
-        &config.dataset
+        config
     }
 }
 
@@ -79,17 +79,23 @@ fn lead(args: &TrainArgs, explicit: &ExplicitArgs, exchange: Box<dyn Exchange>) 
         _ => None,
     };
     let start = resolve(args, explicit, folder.occupant()?, exchange.ranks())?;
+    if start.config().train.method.is_field() {
+        check_field(args)?;
+    }
     if args.stop_at_end_of_input {
         interrupt::at_end_of_input();
     }
     let console = Console::new(args.console.log_format, args.console.quiet);
     #[cfg(feature = "view")]
-    let live = args.view.map(|address| view::live(address, &args.output, start.dataset(), &console)).transpose()?;
+    let live = args.view.map(|address| view::live(address, &args.output, &start.config().dataset, &console)).transpose()?;
     #[cfg(feature = "view")]
     let observer: &dyn luxel::Observer = live.as_ref().map_or(&console, |live| live);
     #[cfg(not(feature = "view"))]
     let observer = &console;
     let launch = Launch { folder: &folder, observer, stop: interrupt::stop() };
+    if start.config().train.method.is_field() {
+        return train_field(start, lock, launch, explicit, &console);
+    }
     let TrainedRun { outcome, config, mut trainer, steps, .. } = match start {
         Start::Fresh(config) => {
             let (engine, given) = (training_engine(&config)?, config.clone());
@@ -102,12 +108,7 @@ fn lead(args: &TrainArgs, explicit: &ExplicitArgs, exchange: Box<dyn Exchange>) 
             let (engine, given) = (training_engine(&config)?, config.clone());
             fresh_over(exchange, config, engine, launch, |dataset| {
                 check_used(dataset, &given, explicit, &console)?;
-                let lock = folder.lock()?;
-                if replaced == MadeBy::Demo {
-                    demo::remove_pictures(&folder)?;
-                }
-                folder.clear()?;
-                Ok(lock)
+                clear_run(&folder, replaced)
             })?
         }
         Start::Resume(config) => {
@@ -122,6 +123,57 @@ fn lead(args: &TrainArgs, explicit: &ExplicitArgs, exchange: Box<dyn Exchange>) 
     }
     finish(outcome, &folder, &config, &console)?;
     Ok(outcome)
+}
+
+/// Trains a radiance field.
+fn train_field(start: Start, lock: Option<RunLock>, launch: Launch<'_>, explicit: &ExplicitArgs, console: &Console) -> Result<Outcome> {
+    let folder = launch.folder;
+    let TrainedField { outcome, config } = match start {
+        Start::Fresh(config) => {
+            let (engine, load) = (training_engine(&config)?, config.load.clone());
+            let make_room = |dataset: &Dataset| {
+                data::check_color_space(dataset, &load, explicit).map_err(|error| luxel::Error::new(error.to_string()))?;
+                lock_free(folder)
+            };
+            luxel::field::fresh(config, engine, launch, make_room)?
+        }
+        Start::Replace(config, replaced) => {
+            let (engine, load) = (training_engine(&config)?, config.load.clone());
+            let make_room = |dataset: &Dataset| {
+                data::check_color_space(dataset, &load, explicit).map_err(|error| luxel::Error::new(error.to_string()))?;
+                clear_run(folder, replaced)
+            };
+            luxel::field::fresh(config, engine, launch, make_room)?
+        }
+        Start::Resume(config) => {
+            let lock = lock.map_or_else(|| folder.lock(), Ok)?;
+            let engine = training_engine(&config)?;
+            luxel::field::resume(config, engine, launch, lock)?
+        }
+    };
+    finish(outcome, folder, &config, console)?;
+    Ok(outcome)
+}
+
+/// Refuses what a radiance field's training does not do.
+fn check_field(args: &TrainArgs) -> Result<()> {
+    let mut refused = vec![("--profile", args.profile), ("--distributed", args.distributed.is_some())];
+    #[cfg(feature = "view")]
+    refused.push(("--view", args.view.is_some()));
+    match refused.into_iter().find(|(_, is_given)| *is_given) {
+        Some((option, _)) => bail!("{option}: is for splats, and --method trains a radiance field; leave one of them out"),
+        None => Ok(()),
+    }
+}
+
+/// Locks the folder of a run that is replaced, and deletes the run.
+fn clear_run(folder: &RunFolder, replaced: MadeBy) -> luxel::Result<RunLock> {
+    let lock = folder.lock()?;
+    if replaced == MadeBy::Demo {
+        demo::remove_pictures(folder)?;
+    }
+    folder.clear()?;
+    Ok(lock)
 }
 
 /// Returns the configuration, by the command line and the content of the output folder.
@@ -238,10 +290,12 @@ fn finish(outcome: Outcome, folder: &RunFolder, config: &RunConfig, console: &Co
         return Ok(());
     }
     // As text: JSON has no form for a name that is not UTF-8.
-    let [scene, metrics, report] =
-        [folder.scene(config.train.iterations), folder.metrics(), folder.report()].map(|path| path.display().to_string());
-    let text = format!("scene   {scene}\nmetrics {metrics}\nreport  {report}");
-    console.finish_with_note(json!({ "scene": scene, "metrics": metrics, "report": report }), &text);
+    let is_field = config.train.method.is_field();
+    let result = if is_field { folder.field(config.train.iterations) } else { folder.scene(config.train.iterations) };
+    let [scene, metrics, report] = [result, folder.metrics(), folder.report()].map(|path| path.display().to_string());
+    let name = if is_field { "field" } else { "scene" };
+    let text = format!("{name}   {scene}\nmetrics {metrics}\nreport  {report}");
+    console.finish_with_note(json!({ name: scene, "metrics": metrics, "report": report }), &text);
     Ok(())
 }
 

@@ -12,8 +12,21 @@ pub(crate) fn engine(args: &DeviceArgs) -> Result<SelectedEngine> {
     worded(&options, SelectedEngine::open(&options))
 }
 
+/// Opens the engine for a run's newest state, or a scene without a run: a radiance field is
+/// rendered on the processor.
+pub(crate) fn engine_of(args: &DeviceArgs, run: Option<&RunConfig>) -> Result<SelectedEngine> {
+    if run.is_some_and(|config| config.train.method.is_field()) {
+        let options = args.options();
+        return worded(&options, luxel::field::open_processor(&options));
+    }
+    engine(args)
+}
+
 /// Opens the engine for training.
 pub(crate) fn training_engine(config: &RunConfig) -> Result<SelectedEngine> {
+    if config.train.method.is_field() {
+        return worded(&config.device, luxel::field::open_processor(&config.device));
+    }
     let has_own_steps = config.train.method.trains_on_pairs();
     let needs_cpu = config.load.supervision == Supervision::Ldr || has_own_steps;
     let mut selected = worded(&config.device, SelectedEngine::for_training(&config.device, needs_cpu))?;

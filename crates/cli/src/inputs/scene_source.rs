@@ -4,6 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
+use luxel::field::FieldScene;
 use luxel::run::{ExplicitArgs, RunCameras, RunConfig, RunFolder, state};
 use luxel::{LoadOptions, Remedy, text};
 use luxel_core::{Dataset, Scene};
@@ -14,8 +15,10 @@ use crate::output::console::Console;
 
 /// A scene and the run it comes from.
 pub(crate) struct SceneSource {
-    /// The scene.
+    /// The scene; that of a field has its units and place, and no splats.
     pub(crate) scene: Scene,
+    /// The radiance field that is rendered in place of splats.
+    pub(crate) field: Option<FieldScene>,
     /// `None` for a file.
     pub(crate) run: Option<(RunFolder, RunConfig)>,
     /// Steps of training after which the scene is as it is; 0 for a file.
@@ -62,9 +65,22 @@ impl SceneSource {
             let (folder, config) = RunFolder::open(path)?;
             let (iteration, scene) = state::newest_scene(&folder, console)?;
             console.note(&format!("scene of step {iteration}: {}", text::plural(scene.splats.len(), "splat")));
-            return Ok(Self { scene, run: Some((folder, config)), iteration });
+            return Ok(Self { scene, field: None, run: Some((folder, config)), iteration });
         }
-        Ok(Self { scene: luxel::Scene::open_reporting(path, console)?.into_core(), run: None, iteration: 0 })
+        Ok(Self { scene: luxel::Scene::open_reporting(path, console)?.into_core(), field: None, run: None, iteration: 0 })
+    }
+
+    /// Reads the scene at `path`, of splats or of a radiance field, to render it.
+    pub(crate) fn open_to_render(path: &Path, console: &Console) -> Result<Self> {
+        if path.is_dir() {
+            let (folder, config) = RunFolder::open(path)?;
+            if config.train.method.is_field() {
+                let (iteration, field) = luxel::field::newest_field(&folder, console)?;
+                console.note(&format!("field of step {iteration}: {}", text::plural(field.field.parameter_count(), "parameter")));
+                return Ok(Self { scene: field.place.clone(), field: Some(field), run: Some((folder, config)), iteration });
+            }
+        }
+        Self::open(path, console)
     }
 
     /// Reads the data set asked for, or the run's own, for its cameras, which become those of the

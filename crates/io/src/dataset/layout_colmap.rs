@@ -230,11 +230,15 @@ fn hdr_gs_images<'a>(model: &'a ColmapModel, scene: &ModelScene<'_>) -> Result<V
         // The order of the names with their `_`: 0_, 10_, 11_, ..., 1_, 20_, ...
         Ok((format!("{view}_"), format!("exr/{view}.exr"), None))
     })?;
+    let stated = match scene.supervision.reads_recordings() {
+        true => recordings::hdr_gs_exposures(scene.folder)?,
+        false => BTreeMap::new(),
+    };
     for (i, c) in chosen.iter_mut().enumerate() {
         c.part = Some(if i % 2 == 0 { Part::Train } else { Part::Test });
         if scene.supervision.reads_recordings() {
             let view = view_name(&c.file_path);
-            c.recordings = recordings::hdr_gs(scene.finder, scene.folder, view.rsplit('/').next().unwrap_or(&view));
+            c.recordings = recordings::hdr_gs(scene.finder, scene.folder, view.rsplit('/').next().unwrap_or(&view), &stated)?;
         }
     }
     Ok(chosen)

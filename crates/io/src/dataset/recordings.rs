@@ -6,14 +6,13 @@ use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
+use luxel_core::Remedy;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::files::{Finder, Substitute, view_name, without_extension};
 use super::json_fields::{kind_of, parse_json};
 use super::source::{Recording, SourceFrame};
-use luxel_core::Remedy;
-
 use crate::IoError;
 use crate::read_file::read_file;
 
@@ -150,14 +149,39 @@ pub(super) fn hdr_nerf(finder: &Finder, folder: &Path, file_path: &str, number: 
     listed(finder, &folder.join(parent), parent, stem.unwrap_or(base), exposures)
 }
 
-/// Returns the captured images `images/<view>_<k>` of HDR-GS's repack.
-pub(super) fn hdr_gs(finder: &Finder, scene: &Path, view: &str) -> Vec<Recording> {
-    let image = |(k, exposure_s): (usize, &f32)| {
+/// Returns the exposures that lists beside HDR-GS's repack state, seconds by image; none without
+/// lists. HDR-NeRF's scenes differ in their exposures.
+pub(super) fn hdr_gs_exposures(scene: &Path) -> Result<BTreeMap<String, f32>, IoError> {
+    let mut stated = BTreeMap::new();
+    for list in ["exposure_train.json", "exposure_test.json"].map(|name| scene.join(name)) {
+        if list.is_file() {
+            stated.extend(read_exposures(&list)?);
+        }
+    }
+    Ok(stated)
+}
+
+/// Returns the captured images `images/<view>_<k>` of HDR-GS's repack, with the exposures that are
+/// stated, or HDR-GS's own where none is.
+///
+/// # Errors
+/// An image without an exposure where others have one.
+pub(super) fn hdr_gs(finder: &Finder, scene: &Path, view: &str, stated: &BTreeMap<String, f32>) -> Result<Vec<Recording>, IoError> {
+    let mut recordings = Vec::new();
+    for (k, assumed) in HDR_GS_EXPOSURES.iter().enumerate() {
         let name = format!("{view}_{k}");
-        let image = finder.find_image(&scene.join("images"), &name, Substitute::No)?;
-        Some(Recording { name: format!("images/{name}"), image, exposure_s: *exposure_s })
-    };
-    HDR_GS_EXPOSURES.iter().enumerate().filter_map(image).collect()
+        let Some(image) = finder.find_image(&scene.join("images"), &name, Substitute::No) else { continue };
+        let exposure_s = match stated.get(&name) {
+            Some(seconds) => *seconds,
+            None if stated.is_empty() => *assumed,
+            None => {
+                let message = format!("exposure_train.json and exposure_test.json state no exposure of {name:?}, but of other images");
+                return Err(IoError::invalid(&image, message).with_remedy(Remedy::advice("add it, in seconds")));
+            }
+        };
+        recordings.push(Recording { name: format!("images/{name}"), image, exposure_s });
+    }
+    Ok(recordings)
 }
 
 /// Returns the frames that `frame` represents: where captured images are read, those of a training

@@ -73,10 +73,10 @@ pub struct CurveSample {
     pub iteration: u32,
     /// Training loss.
     pub loss: f64,
-    /// Mean absolute difference under the mu-law.
-    pub l1: f64,
-    /// Mean SSIM under the mu-law.
-    pub ssim: f64,
+    /// Mean absolute difference under the mu-law, if the loss has it.
+    pub l1: Option<f64>,
+    /// Mean SSIM under the mu-law, if the loss has it.
+    pub ssim: Option<f64>,
     /// Number of splats.
     pub splats: usize,
     /// Seconds of training.

@@ -168,9 +168,9 @@ fn curves(curve: &[CurveSample]) -> String {
     let train = sparse(series("train", 2, Mark::Line, &|s| s.psnr_train), Mark::Line);
     let test = sparse(series("all test views", 1, Mark::Line, &|s| s.psnr_test), Mark::Line);
     let sample = sparse(series("some test views", 3, Mark::Line, &|s| s.psnr_test_sample), Mark::Line);
-    let ssim = series("", 1, Mark::Line, &|s| Some(1.0 - s.ssim));
-    let l1 = series("", 2, Mark::Line, &|s| Some(s.l1));
-    let splats = series("", 1, Mark::Line, &|s| Some(s.splats as f64));
+    let ssim = series("", 1, Mark::Line, &|s| s.ssim.map(|ssim| 1.0 - ssim));
+    let l1 = series("", 2, Mark::Line, &|s| s.l1);
+    let splats = series("", 1, Mark::Line, &|s| (s.splats > 0).then_some(s.splats as f64));
     let figure = |title, y, series| Plot { title, x, y, series, bars: Vec::new() }.figure();
     let parts = vec![
         Series { label: "1 − SSIM".into(), points: smoothed(&ssim.points), ..ssim },

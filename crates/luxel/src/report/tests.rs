@@ -35,8 +35,8 @@ fn input(views: Vec<ReportView>) -> ReportInput {
     let sample = |i: u32| CurveSample {
         iteration: 100 * i,
         loss: 0.3 / f64::from(i + 1),
-        l1: 0.1 / f64::from(i + 1),
-        ssim: 1.0 - 0.5 / f64::from(i + 1),
+        l1: Some(0.1 / f64::from(i + 1)),
+        ssim: Some(1.0 - 0.5 / f64::from(i + 1)),
         splats: 1000 + 50 * i as usize,
         elapsed_s: f64::from(i),
         psnr_train: Some(20.0 + f64::from(i).sqrt()),

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use crate::processor_seconds;
 
 /// A stopwatch.
-pub(super) struct Clock {
+pub(crate) struct Clock {
     before: Duration,
     since: Option<Instant>,
     /// Seconds of processors before `since`; `None` where the system does not tell, or an earlier
@@ -17,25 +17,25 @@ pub(super) struct Clock {
 
 impl Clock {
     /// Starts a clock with the seconds spent before, on the clock and by processors.
-    pub(super) fn resumed(seconds_before: f64, processor_before: Option<f64>) -> Self {
+    pub(crate) fn resumed(seconds_before: f64, processor_before: Option<f64>) -> Self {
         let before = Duration::try_from_secs_f64(seconds_before).unwrap_or_default();
         Self { before, since: Some(Instant::now()), processor_before, processor_since: processor_seconds() }
     }
 
     /// Returns the seconds so far.
-    pub(super) fn seconds(&self) -> f64 {
+    pub(crate) fn seconds(&self) -> f64 {
         (self.before + self.since.map_or(Duration::ZERO, |since| since.elapsed())).as_secs_f64()
     }
 
     /// Returns the seconds of processors so far, of all threads together.
-    pub(super) fn processor_seconds(&self) -> Option<f64> {
+    pub(crate) fn processor_seconds(&self) -> Option<f64> {
         let now = self.processor_since.and_then(|since| Some(processor_seconds()? - since));
         let running = if self.since.is_some() { now? } else { 0.0 };
         Some(self.processor_before? + running)
     }
 
     /// Does `work` while the clock is stopped.
-    pub(super) fn paused<T>(&mut self, work: impl FnOnce() -> T) -> T {
+    pub(crate) fn paused<T>(&mut self, work: impl FnOnce() -> T) -> T {
         self.processor_before = self.processor_seconds();
         self.before += self.since.take().map_or(Duration::ZERO, |since| since.elapsed());
         let result = work();

@@ -20,6 +20,7 @@ use serde::Serialize;
 use super::evaluation::TEST_ALIGNED;
 use super::evaluation::{FrameProgress, count_frames};
 use super::report::Evaluated;
+use super::state::LoadedRun;
 use super::{Captures, Metrics, Rendering, RunCameras, RunConfig, RunFolder, log, report, state};
 use crate::error::{Context, bail};
 use crate::{Event, Observer, Result, SelectedEngine, build_info, files, memory, output, schema};
@@ -67,16 +68,15 @@ pub fn evaluate_run(
     selected: SelectedEngine,
     observer: &dyn Observer,
 ) -> Result<Vec<(&'static str, SplitMetrics)>> {
-    let SelectedEngine { mut engine, threads, computed_by, .. } = selected;
     let EvaluationData { path, load, dataset } = data;
-    let (iteration, scene) = state::newest_scene(folder, observer)?;
+    let LoadedRun { iteration, scene, selected, field_parameters } = state::load_newest(folder, config, selected, observer)?;
+    let SelectedEngine { mut engine, threads, computed_by, .. } = selected;
     check_color_space(path, dataset, &scene)?;
     let is_own = output::is_same(path, &config.dataset_path(folder.root()));
     let cameras = if is_own { RunCameras::read_at(folder, iteration)? } else { RunCameras::default() };
     let vignetting = vignetting_of(folder, config, data, iteration)?;
     let dataset = show_vignetting(&vignetting, dataset.in_frame(scene.world_from_local));
     let dataset = &*cameras.seen_by_training(dataset);
-    engine.load(&scene.splats, None).context("cannot load the scene")?;
     let options = scene.render_options_before(config.train.background);
     let mut rendering = Rendering {
         engine: engine.as_mut(),
@@ -115,6 +115,7 @@ pub fn evaluate_run(
         method: config.method_name(),
         iterations: iteration,
         splats: scene.splats.len(),
+        field_parameters,
         train_seconds: spent.map_or(0.0, |record| record.elapsed_s),
         train_cpu_seconds: spent.and_then(|record| record.cpu_s),
         peak_rss_bytes: spent.and_then(|record| record.peak_rss_bytes).max(memory::peak_resident_bytes()),

@@ -24,8 +24,11 @@ pub struct Metrics {
     pub method: String,
     /// Steps of training.
     pub iterations: u32,
-    /// Splats.
+    /// Splats; 0 for a radiance field.
     pub splats: usize,
+    /// Parameters of a radiance field.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub field_parameters: Option<usize>,
     /// Seconds of training, evaluation left out, over all resumed parts.
     pub train_seconds: f64,
     /// Seconds of processors meanwhile, all threads together; `null` where the system does not

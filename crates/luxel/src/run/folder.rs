@@ -5,6 +5,7 @@
 //! config.toml                              settings; marks the folder as a run
 //! checkpoints/                             state to resume from
 //! point_cloud/iteration_N/point_cloud.ply  the scene, where other tools look for it
+//! field/iteration_N/field.safetensors      the radiance field of a run without splats
 //! eval/step_N/{renders,gt}/*.exr           test views in the units of the data set
 //! eval/step_N/metrics.json                 their metrics; marks the evaluation as complete
 //! eval/step_N_on_DATA/                     test views of other data, named in source.toml
@@ -35,9 +36,10 @@ pub const LOCK: &str = ".lock";
 
 /// Everything training puts into a run folder besides [`CONFIG`]; all that [`RunFolder::clear`]
 /// deletes.
-const CONTENTS: [&str; 11] = [
+const CONTENTS: [&str; 12] = [
     "checkpoints",
     "point_cloud",
+    "field",
     "eval",
     "metrics.json",
     "cameras.json",
@@ -163,7 +165,7 @@ impl RunFolder {
             bail!("{}: another luxel is at work in this folder; wait for it, or choose another", self.root.display());
         }
         sweep(&self.root, 0);
-        ["point_cloud", "eval"].into_iter().for_each(|name| sweep(&self.root.join(name), 2));
+        ["point_cloud", "field", "eval"].into_iter().for_each(|name| sweep(&self.root.join(name), 2));
         Ok(RunLock { _file: file, _confinement: confinement })
     }
 
@@ -233,6 +235,11 @@ impl RunFolder {
         self.root.join("point_cloud").join(format!("iteration_{iteration}")).join("point_cloud.ply")
     }
 
+    /// Returns the path of the radiance field after `iteration` steps.
+    pub fn field(&self, iteration: u32) -> PathBuf {
+        self.root.join("field").join(format!("iteration_{iteration}")).join("field.safetensors")
+    }
+
     /// Returns the folder of the evaluation after `iteration` steps.
     pub fn evaluation(&self, iteration: u32) -> PathBuf {
         self.root.join("eval").join(format!("step_{iteration}"))
@@ -296,6 +303,13 @@ impl RunFolder {
     pub fn scene_iterations(&self) -> Vec<u32> {
         let mut found = numbered(&self.root.join("point_cloud"), "iteration_");
         found.retain(|&n| self.scene(n).is_file());
+        found
+    }
+
+    /// Returns the iterations with a radiance field, newest first.
+    pub fn field_iterations(&self) -> Vec<u32> {
+        let mut found = numbered(&self.root.join("field"), "iteration_");
+        found.retain(|&n| self.field(n).is_file());
         found
     }
 

@@ -94,6 +94,14 @@ const GEOMETRY_OPTIONS: &[&str] = &[
 /// Options of the first splats, which change nothing where those are of a scene.
 const INITIAL_OPTIONS: &[&str] = &["init_points", "init_opacity", "init_scale"];
 
+/// Options of training that a radiance field has; all others are about splats.
+const FIELD_OPTIONS: &[&str] =
+    &["preset", "iterations", "seed", "method", "scale_rule", "radiance_scale", "background", "mu", "field_loss"];
+
+/// Options of a run that a radiance field does not have: it has no display layer, all its images
+/// are in memory, and it starts from nothing.
+const SPLAT_RUN_OPTIONS: &[&str] = &["refine_display", "image_memory", "from"];
+
 /// Options that depend on a choice, and whether it is made.
 struct Group {
     choice: Choice,
@@ -126,6 +134,12 @@ impl RunConfig {
     }
 
     fn groups(&self) -> Vec<Group> {
+        let of_splats = OPTIONS.iter().map(|option| option.name).filter(|name| !FIELD_OPTIONS.contains(name));
+        let splats = Group {
+            choice: Choice { option: "method", value: "lcd or sh0 to sh5" },
+            is_made: !self.train.method.is_field(),
+            options: of_splats.chain(SPLAT_RUN_OPTIONS.iter().copied()).collect(),
+        };
         let frozen = Group {
             choice: Choice { option: "freeze", value: "none" },
             is_made: !self.train.freezes_geometry(),
@@ -141,7 +155,8 @@ impl RunConfig {
             is_made: !self.train.method.trains_on_pairs(),
             options: vec!["cutoffs"],
         };
-        Condition::ALL.into_iter().map(|condition| self.group(condition)).chain([frozen, from, cutoffs]).collect()
+        let by_condition = Condition::ALL.into_iter().map(|condition| self.group(condition));
+        std::iter::once(splats).chain(by_condition).chain([frozen, from, cutoffs]).collect()
     }
 
     fn group(&self, condition: Condition) -> Group {

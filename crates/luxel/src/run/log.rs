@@ -86,8 +86,8 @@ pub(super) mod tests {
         LogRecord {
             iteration,
             loss: 0.1,
-            l1: 0.05,
-            ssim: 0.9,
+            l1: Some(0.05),
+            ssim: Some(0.9),
             psnr_train: Some(30.0),
             psnr_test: None,
             psnr_test_sample: Some(28.0),

@@ -33,7 +33,7 @@
 
 mod cameras;
 mod captures;
-mod clock;
+pub(crate) mod clock;
 mod config;
 mod evaluate;
 pub mod evaluation;
@@ -51,7 +51,7 @@ pub mod report;
 mod session;
 pub mod state;
 mod supervision;
-mod test_curve;
+pub(crate) mod test_curve;
 
 pub use cameras::RunCameras;
 pub use captures::{Captures, vignetting_text};

@@ -38,12 +38,7 @@ pub fn write(folder: &RunFolder, config: &RunConfig, dataset: &Dataset, evaluate
     let Evaluated { metrics, images } = evaluated;
     let input = ReportInput {
         title: title(config, folder),
-        subtitle: format!(
-            "{}, {} iterations, {}",
-            metrics.method,
-            text::count(metrics.iterations as usize),
-            text::plural(metrics.splats, "splat")
-        ),
+        subtitle: format!("{}, {} iterations, {}", metrics.method, text::count(metrics.iterations as usize), size(metrics)),
         facts: facts(metrics, dataset),
         warnings: dataset.warnings.iter().cloned().chain(bad_pixel_lines(dataset)).collect(),
         splits: splits(metrics),
@@ -68,11 +63,19 @@ fn title(config: &RunConfig, folder: &RunFolder) -> String {
     }
 }
 
+/// Returns the number of splats, or of a field's parameters.
+fn size(metrics: &Metrics) -> String {
+    match metrics.field_parameters {
+        Some(parameters) => text::plural(parameters, "parameter"),
+        None => text::plural(metrics.splats, "splat"),
+    }
+}
+
 fn facts(metrics: &Metrics, dataset: &Dataset) -> Vec<(String, String)> {
     let seconds = std::time::Duration::try_from_secs_f64(metrics.train_seconds).unwrap_or_default();
     let processor_seconds = metrics.train_cpu_seconds.and_then(|seconds| std::time::Duration::try_from_secs_f64(seconds).ok());
     let mut facts = vec![
-        ("splats", text::count(metrics.splats)),
+        ("size", size(metrics)),
         ("training time", text::duration(seconds)),
         ("processor time", processor_seconds.map(text::duration).unwrap_or_default()),
         ("computed by", metrics.computed_by.clone()),

@@ -205,8 +205,8 @@ impl Session<'_> {
         let record = LogRecord {
             iteration,
             loss: mean(sums.loss),
-            l1: mean(sums.l1),
-            ssim: mean(sums.ssim),
+            l1: Some(mean(sums.l1)),
+            ssim: Some(mean(sums.ssim)),
             psnr_train,
             psnr_test: state.psnr_test,
             psnr_test_sample: state.psnr_test_sample,

@@ -8,7 +8,7 @@ use luxel_train::LensVignetting;
 
 use super::{Captures, RunConfig, RunFolder};
 use crate::error::Context;
-use crate::{Error, Observer, Result};
+use crate::{Error, Observer, Result, SelectedEngine};
 
 /// Returns the newest checkpoint that can be read, to continue from; `None` if the run ended before
 /// its first. Damaged newer ones are reported and renamed: they must not count as the newest when
@@ -48,8 +48,9 @@ pub fn newest_checkpoint(folder: &RunFolder) -> Option<PathBuf> {
 /// newer checkpoint.
 ///
 /// # Errors
-/// A run without a readable scene.
+/// A run of a radiance field, which has no splats; a run without a readable scene.
 pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32, Scene)> {
+    crate::field::refuse_field(folder)?;
     enum Source {
         Scene(PathBuf),
         Checkpoint(PathBuf),
@@ -73,6 +74,34 @@ pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32,
         }
     }
     Err(Error::new(format!("{}: the run has no readable scene yet", folder.root().display())).with_remedy(continue_run()))
+}
+
+/// A run's newest scene or field, in an engine that renders it.
+pub struct LoadedRun {
+    /// Steps of training.
+    pub iteration: u32,
+    /// The scene; that of a field has its units and place, and no splats.
+    pub scene: Scene,
+    /// The engine.
+    pub selected: SelectedEngine,
+    /// Parameters of a field; `None` for splats.
+    pub field_parameters: Option<usize>,
+}
+
+/// Loads a run's newest state that can be read, of splats or of a field, for rendering. A field is
+/// rendered on the processor: `selected` says with how many threads.
+///
+/// # Errors
+/// A run without a readable state; an engine of a GPU for a field; a device that gave up.
+pub fn load_newest(folder: &RunFolder, config: &RunConfig, mut selected: SelectedEngine, observer: &dyn Observer) -> Result<LoadedRun> {
+    if config.train.method.is_field() {
+        let (iteration, field) = crate::field::newest_field(folder, observer)?;
+        let (scene, field_parameters) = (field.place.clone(), Some(field.field.parameter_count()));
+        return Ok(LoadedRun { iteration, scene, selected: field.into_engine(selected)?, field_parameters });
+    }
+    let (iteration, scene) = newest_scene(folder, observer)?;
+    selected.engine.load(&scene.splats, None).context("cannot load the scene")?;
+    Ok(LoadedRun { iteration, scene, selected, field_parameters: None })
 }
 
 /// Returns the camera response that belongs to a run's scene of `iteration` steps, from the
@@ -119,11 +148,11 @@ fn snapshot_of(folder: &RunFolder, iteration: u32, what: &str) -> Result<(PathBu
 }
 
 /// Returns the remedy for a run that has not come far enough.
-pub(super) fn continue_run() -> Remedy {
+pub(crate) fn continue_run() -> Remedy {
     Remedy::set("resume", "true")
 }
 
 /// Returns the remedy for a run that cannot continue.
-pub(super) fn start_anew() -> Remedy {
+pub(crate) fn start_anew() -> Remedy {
     Remedy::set("overwrite", "true")
 }

@@ -18,25 +18,25 @@ const MOST_VIEWS: u32 = 4;
 
 /// The schedule.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct TestCurve {
+pub(crate) struct TestCurve {
     iterations: u32,
     test_views: usize,
 }
 
 impl TestCurve {
     /// Returns the schedule of a run.
-    pub(super) fn new(iterations: u32, test_views: usize) -> Self {
+    pub(crate) fn new(iterations: u32, test_views: usize) -> Self {
         Self { iterations, test_views }
     }
 
     /// Returns whether the run looks after this step.
-    pub(super) fn is_due(self, iteration: u32) -> bool {
+    pub(crate) fn is_due(self, iteration: u32) -> bool {
         let every = self.iterations.div_ceil(LOOKS).next_multiple_of(LOG_EVERY).max(LOG_EVERY);
         iteration == self.iterations || (iteration > 0 && iteration.is_multiple_of(every))
     }
 
     /// Returns the indices of the test views to look at, spread evenly.
-    pub(super) fn views(self) -> impl Iterator<Item = usize> {
+    pub(crate) fn views(self) -> impl Iterator<Item = usize> {
         let most = (self.iterations / STEPS_A_VIEW).clamp(1, MOST_VIEWS) as usize;
         let (count, chosen) = (self.test_views, most.min(self.test_views));
         (0..chosen).map(move |i| (2 * i + 1) * count / (2 * chosen))

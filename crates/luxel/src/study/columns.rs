@@ -64,7 +64,7 @@ use Better::{Higher, Lower, Neither};
 pub(super) const COLUMNS: [Column; 19] = [
     column("train_minutes", ["training", "min"], 2, Lower, |r| Some(r.metrics.train_seconds / 60.0)),
     column("peak_memory_mb", ["training", "MB"], 0, Lower, |r| r.peak_bytes.map(|bytes| bytes as f64 / BYTES_PER_MB)),
-    column("splats", ["", "splats"], 0, Neither, |r| Some(r.metrics.splats as f64)),
+    column("splats", ["", "splats"], 0, Neither, |r| r.metrics.field_parameters.is_none().then_some(r.metrics.splats as f64)),
     column("psnr_scene", [TEST_PSNR, "scene"], 2, Higher, |r| Some(r.test()?.psnr_scene)),
     column("psnr_gtmax", [TEST_PSNR, "gtmax"], 2, Higher, |r| Some(r.test()?.psnr_gtmax)),
     column("psnr_selfmax", [TEST_PSNR, "selfmax"], 2, Higher, |r| Some(r.test()?.psnr_selfmax)),

@@ -51,7 +51,7 @@ pub(super) fn runs(matrix: &Matrix, results: &[CellResult]) -> String {
         let facts = [
             field(&matrix.sources[result.source].name),
             model.name(),
-            model.parameters().to_string(),
+            model.color_model().map_or_else(String::new, |model| model.parameters().to_string()),
             result.seed.to_string(),
             metrics.iterations.to_string(),
             metrics.radiance_scale.to_string(),

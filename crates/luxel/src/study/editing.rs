@@ -20,9 +20,10 @@ use crate::run::state;
 use crate::text;
 use luxel_core::edit::{Fidelity, ShMap, chromaticity_distance};
 use luxel_core::tone::Tonemap;
-use luxel_core::{ColorModel, ColorSpace, Edit, Image, Map, Scene, Selection, View};
+use luxel_core::{ColorSpace, Edit, Image, Map, Scene, Selection, View};
 
 use super::matrix::{Cell, Matrix};
+use super::method::StudyMethod;
 use super::paper;
 use crate::DeviceOptions;
 use crate::Observer;
@@ -106,11 +107,11 @@ fn edit_source(
 /// each kind the paper's method if it is there.
 fn candidates<'a>(matrix: &'a Matrix, finished: &[usize], source: usize, observer: &dyn Observer) -> Result<Vec<Candidate<'a>>> {
     let cells = || finished.iter().filter_map(|&i| matrix.cells.get(i)).filter(|cell| cell.source == source);
-    let model = |cell: &&Cell| matrix.methods[cell.method];
+    let method = |cell: &&Cell| matrix.methods[cell.method];
     let chosen = |separates: bool| {
-        let papers = |model: ColorModel| paper::name_in_results(model).is_some_and(|name| name == "3DGS" || name == "LCD-GS");
-        let mut of_kind = cells().filter(|cell| model(cell).separates_luminance() == separates);
-        of_kind.clone().find(|cell| papers(model(cell))).or_else(|| of_kind.next())
+        let papers = |method: StudyMethod| paper::name_in_results(method).is_some_and(|name| name == "3DGS" || name == "LCD-GS");
+        let mut of_kind = cells().filter(|cell| method(cell).color_model().is_some_and(|model| model.separates_luminance() == separates));
+        of_kind.clone().find(|cell| papers(method(cell))).or_else(|| of_kind.next())
     };
     let candidate = |separates: bool| {
         let ways: &[_] =

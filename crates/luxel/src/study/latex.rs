@@ -123,11 +123,11 @@ pub(super) fn editing(matrix: &Matrix, edited: &[Edited]) -> String {
     out + &foot("editing")
 }
 
-fn head(caption: &str, columns: &str) -> String {
+pub(super) fn head(caption: &str, columns: &str) -> String {
     format!("\\begin{{table}}\n\\centering\n\\caption{{{}}}\n\\begin{{tabular}}{{{columns}}}\n\\toprule\n", escape(caption))
 }
 
-fn foot(label: &str) -> String {
+pub(super) fn foot(label: &str) -> String {
     // Labels are no text: only what they may consist of is left.
     let label: String = label.chars().map(|c| if c.is_ascii_alphanumeric() || "-:".contains(c) { c } else { '-' }).collect();
     format!("\\bottomrule\n\\end{{tabular}}\n\\label{{tab:{label}}}\n\\end{{table}}\n\n")

@@ -12,10 +12,10 @@ use crate::Result;
 use crate::error::{Context, bail};
 use crate::run::{Difference, MadeBy, Occupant, RunConfig, RunFolder, RunOptions};
 use crate::{DeviceOptions, Error};
-use luxel_core::{ColorModel, Remedy};
+use luxel_core::Remedy;
 use luxel_train::TrainConfig;
 
-use super::method::{self, with_method};
+use super::method::{self, StudyMethod, with_method};
 use super::options::{StudyDataset, StudyOptions};
 use super::stored::{Stored, union};
 
@@ -73,7 +73,7 @@ pub(super) struct Cell {
 pub(super) struct Matrix {
     pub(super) root: PathBuf,
     pub(super) sources: Vec<Source>,
-    pub(super) methods: Vec<ColorModel>,
+    pub(super) methods: Vec<StudyMethod>,
     pub(super) seeds: Vec<u64>,
     pub(super) cells: Vec<Cell>,
     /// Number of cells that are trained side by side.

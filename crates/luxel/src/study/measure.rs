@@ -15,7 +15,7 @@ use crate::Result;
 use crate::error::{Context, bail};
 use crate::files;
 use crate::run::evaluation::{self, Rendering};
-use crate::run::state;
+use crate::run::state::{self, LoadedRun};
 use luxel_core::{Dataset, Engine, RenderOptions, View};
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips};
@@ -26,8 +26,8 @@ use super::Failure;
 use super::matrix::{Cell, Matrix};
 use super::options::StudyOptions;
 use crate::Observer;
-use crate::SelectedEngine;
 use crate::schema;
+use crate::{Device, DeviceOptions, SelectedEngine};
 
 /// Duration after which no further pass over the views is made.
 const ENOUGH: Duration = Duration::from_secs(3);
@@ -81,11 +81,15 @@ pub(super) fn measure(
     matrix: &Matrix,
     finished: &[usize],
     options: &MeasureOptions,
-    device: &crate::DeviceOptions,
+    device: &DeviceOptions,
     observer: &dyn Observer,
 ) -> Result<Vec<Failure>> {
-    let SelectedEngine { mut engine, computed_by, .. } = SelectedEngine::open(device)?;
-    let is_open = |cell: &Cell| read(cell).is_none_or(|measured| !options.are_covered_by(&measured) || measured.computed_by != computed_by);
+    let place = |of_field| engine_of(of_field, device).map(|selected| selected.computed_by);
+    let (of_splats, of_fields) = (place(false)?, place(true)?);
+    let is_open = |cell: &Cell| {
+        let computed_by = if cell.config.train.method.is_field() { &of_fields } else { &of_splats };
+        read(cell).is_none_or(|measured| !options.are_covered_by(&measured) || measured.computed_by != *computed_by)
+    };
     let cells = finished.iter().filter_map(|&i| matrix.cells.get(i));
     let mut todo: Vec<&Cell> = cells.filter(|cell| is_open(cell)).collect();
     // One data set after another, so that each is read once and one is held.
@@ -95,7 +99,7 @@ pub(super) fn measure(
     for cell in todo {
         let name = cell.name(matrix);
         let measured = dataset_of(&mut dataset, cell, observer)
-            .and_then(|dataset| options.measure(cell, dataset, engine.as_mut(), &computed_by, observer))
+            .and_then(|dataset| options.measure(cell, dataset, engine_of(cell.config.train.method.is_field(), device)?, observer))
             .and_then(|measured| files::write_json(&cell.folder.measured(), schema::MEASURED, &measured).map(|()| measured));
         match measured {
             Ok(Measured { frames_per_second: Some(fps), .. }) => observer.note(&format!("{name}: {fps:.1} frames per second")),
@@ -108,6 +112,11 @@ pub(super) fn measure(
         }
     }
     Ok(failures)
+}
+
+/// Opens what renders splats, or the processor, which renders fields.
+fn engine_of(field: bool, device: &DeviceOptions) -> Result<SelectedEngine> {
+    if field { SelectedEngine::open(&DeviceOptions { device: Device::Cpu, ..device.clone() }) } else { SelectedEngine::open(device) }
 }
 
 /// The data set in memory.
@@ -154,23 +163,17 @@ impl MeasureOptions {
         has_lpips && (self.flip == FlipChoice::Skip || measured.hdr_flip.is_some())
     }
 
-    fn measure(
-        &self,
-        cell: &Cell,
-        dataset: &Dataset,
-        engine: &mut dyn Engine,
-        computed_by: &str,
-        observer: &dyn Observer,
-    ) -> Result<Measured> {
+    fn measure(&self, cell: &Cell, dataset: &Dataset, selected: SelectedEngine, observer: &dyn Observer) -> Result<Measured> {
         let iterations = cell.config.train.iterations;
-        let (found, scene) = state::newest_scene(&cell.folder, observer)?;
+        let LoadedRun { iteration: found, scene, selected, .. } = state::load_newest(&cell.folder, &cell.config, selected, observer)?;
         if found != iterations {
             bail!(
                 "{}: its newest readable scene is of step {found}, expected {iterations}; delete the folder to train it anew",
                 cell.place.display()
             );
         }
-        engine.load(&scene.splats, None).context("cannot load the scene")?;
+        let SelectedEngine { mut engine, computed_by, .. } = selected;
+        let engine = engine.as_mut();
         let options = scene.render_options_before(cell.config.train.background);
         let frames_per_second = frames_per_second(engine, &dataset.test, &options)?;
         let before = read(cell);
@@ -203,7 +206,6 @@ impl MeasureOptions {
         }
         let size_px = dataset.test.first().map_or([0; 2], |view| view.camera.size_px);
         let splats = scene.splats.len();
-        let computed_by = computed_by.to_owned();
         Ok(Measured {
             iterations,
             splats,

@@ -1,45 +1,95 @@
-//! Methods by name: the columns of the matrix.
+//! Methods by name: the rows of the tables.
 //!
-//! In: `sh0` to `sh5`; `logsh3`; `lcd` with parts behind it in any order: `-exp` or `-relu` for the
+//! In: `nerf-grid`, a radiance field, with `-linear` for the loss of linear radiance; `sh0` to
+//! `sh5`; `logsh3`; `lcd` with parts behind it in any order: `-exp` or `-relu` for the
 //! activation (softplus without), `-lN` for the degree to which luminance varies with the view (0
-//! without), `-cN` for the degree of chromaticity (3 without). Out: the colour model, which has one
-//! name ([`ColorModel::name`]), and options of training. A name determines the whole model: `lcd`
+//! without), `-cN` for the degree of chromaticity (3 without). Out: the method, which has one
+//! name ([`StudyMethod::name`]), and options of training. A name determines the whole method: `lcd`
 //! is the paper's whatever the defaults of training are.
 
 use luxel_core::{Activation, ColorModel};
-use luxel_train::{Method, TrainConfig};
+use luxel_train::{FieldLoss, Method, NamedChoice, TrainConfig};
 
 /// Names of the training options that a method's name stands for.
-pub const METHOD_OPTIONS: [&str; 4] = ["method", "activation", "chroma_degree", "luminance_degree"];
+pub const METHOD_OPTIONS: [&str; 5] = ["method", "activation", "chroma_degree", "luminance_degree", "field_loss"];
 
 /// Degree of chromaticity that the paper has.
 const CHROMA_DEGREE: u8 = 3;
 
-/// Reads the colour model that a method's name stands for.
+/// A method of a study: splats of a colour model, or a method without splats.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum StudyMethod {
+    /// Splats of this colour model.
+    Splats(ColorModel),
+    /// A radiance field on a hash grid.
+    Field {
+        /// The method.
+        method: Method,
+        /// The loss, where the method has a choice.
+        loss: Option<FieldLoss>,
+    },
+}
+
+impl StudyMethod {
+    /// Returns the name, which [`parse_method`] reads.
+    pub fn name(self) -> String {
+        match self {
+            Self::Splats(model) => model.name(),
+            Self::Field { method, loss } => match loss {
+                None => method.name().to_owned(),
+                Some(loss) => format!("{}-{}", method.name(), loss.name()),
+            },
+        }
+    }
+
+    /// Returns the colour model of splats.
+    pub fn color_model(self) -> Option<ColorModel> {
+        match self {
+            Self::Splats(model) => Some(model),
+            Self::Field { .. } => None,
+        }
+    }
+}
+
+/// Reads the method that a name stands for.
 ///
 /// ```
 /// use luxel::study::parse_method;
 ///
 /// assert_eq!(parse_method("sh3")?.name(), "sh3");
-/// assert_eq!(parse_method("lcd-c2-l1")?.parameters(), 1 + 3 + 3 * 8 + 3);
+/// let model = parse_method("lcd-c2-l1")?.color_model().ok_or("no splats")?;
+/// assert_eq!(model.parameters(), 1 + 3 + 3 * 8 + 3);
+/// assert_eq!(parse_method("nerf-grid")?.color_model(), None);
 /// assert!(parse_method("nerf").is_err());
 /// # Ok::<(), String>(())
 /// ```
 ///
 /// # Errors
 /// Text for people: the unknown name, and the expected ones.
-pub fn parse_method(text: &str) -> Result<ColorModel, String> {
+pub fn parse_method(text: &str) -> Result<StudyMethod, String> {
+    if let Some(field) = field(text) {
+        return Ok(field);
+    }
     let degree = || text.strip_prefix("sh").filter(|degree| degree.len() == 1)?.parse().ok();
     let model = match degree() {
         Some(degree) => Some(ColorModel::Sh { degree }),
         None if text == "logsh3" => Some(ColorModel::LogSh { degree: 3 }),
         None => lcd(text),
     };
-    model.filter(|model| model.is_valid()).ok_or_else(|| {
+    model.filter(|model| model.is_valid()).map(StudyMethod::Splats).ok_or_else(|| {
         format!(
-            "unknown method \"{text}\", expected sh0 to sh5, logsh3, or lcd with -exp or -relu, -l0 to -l3, -c0 to -c5 after it: lcd-exp, lcd-c2-l1"
+            "unknown method \"{text}\", expected table1, table2, nerf-grid, nerf-grid-linear, sh0 to sh5, logsh3, or lcd with -exp or -relu, -l0 to -l3, -c0 to -c5 after it: lcd-exp, lcd-c2-l1"
         )
     })
+}
+
+fn field(text: &str) -> Option<StudyMethod> {
+    let of_name = |name: &str| Method::from_name(name).filter(|method| method.is_field());
+    if let Some(method) = of_name(text) {
+        return Some(StudyMethod::Field { method, loss: None });
+    }
+    let method = of_name(text.strip_suffix("-linear")?)?;
+    (method == Method::NerfGrid).then_some(StudyMethod::Field { method, loss: Some(FieldLoss::Linear) })
 }
 
 fn lcd(text: &str) -> Option<ColorModel> {
@@ -68,8 +118,21 @@ fn lcd(text: &str) -> Option<ColorModel> {
     })
 }
 
-/// Returns the options with a colour model.
-pub(super) fn with_method(options: &TrainConfig, model: ColorModel) -> TrainConfig {
+/// Returns the options with a method.
+pub(super) fn with_method(options: &TrainConfig, method: StudyMethod) -> TrainConfig {
+    let model = match method {
+        StudyMethod::Splats(model) => model,
+        StudyMethod::Field { method, loss } => {
+            return TrainConfig {
+                method,
+                activation: None,
+                chroma_degree: None,
+                luminance_degree: None,
+                field_loss: loss,
+                ..options.clone()
+            };
+        }
+    };
     let (method, activation, chroma_degree, luminance_degree) = match model {
         ColorModel::Sh { degree } => (sh(degree), None, None, None),
         ColorModel::LogSh { .. } => (Method::LogSh3, None, None, None),
@@ -79,11 +142,16 @@ pub(super) fn with_method(options: &TrainConfig, model: ColorModel) -> TrainConf
         // A mix is made of scenes, not trained.
         ColorModel::Mix(_) => return options.clone(),
     };
-    TrainConfig { method, activation, chroma_degree, luminance_degree, ..options.clone() }
+    TrainConfig { method, activation, chroma_degree, luminance_degree, field_loss: None, ..options.clone() }
 }
 
 /// Returns a description in a few words.
-pub(super) fn description(model: ColorModel) -> String {
+pub(super) fn description(method: StudyMethod) -> String {
+    let model = match method {
+        StudyMethod::Splats(model) => model,
+        StudyMethod::Field { loss: Some(FieldLoss::Linear), .. } => return "NeRF, hash grid, loss of radiance".into(),
+        StudyMethod::Field { .. } => return "NeRF, hash grid".into(),
+    };
     let ColorModel::Lcd { chroma_degree, luminance_degree, activation } = model else {
         let degree = model.sh_degree();
         if matches!(model, ColorModel::LogSh { .. }) {
@@ -132,12 +200,25 @@ mod tests {
             ("lcd-relu-l2", lcd(3, 2, Activation::Relu)),
             ("lcd-l3-c1", lcd(1, 3, Activation::Softplus)),
         ] {
+            let expected_method = StudyMethod::Splats(expected);
             let model = parse_method(name).unwrap();
-            assert_eq!((model, parse_method(&model.name())), (expected, Ok(expected)), "{name}");
+            assert_eq!((model, parse_method(&model.name())), (expected_method, Ok(expected_method)), "{name}");
             let config = with_method(&TrainConfig { luminance_degree: Some(1), ..TrainConfig::default() }, model);
             assert_eq!(config.color_model(), expected, "{name}");
             config.validate().unwrap();
         }
+    }
+
+    #[test]
+    fn fields_are_methods_too() {
+        for (name, loss) in [("nerf-grid", None), ("nerf-grid-linear", Some(FieldLoss::Linear))] {
+            let method = parse_method(name).unwrap();
+            assert_eq!((method, method.name().as_str()), (StudyMethod::Field { method: Method::NerfGrid, loss }, name));
+            let config = with_method(&TrainConfig { luminance_degree: Some(1), ..TrainConfig::default() }, method);
+            assert_eq!((config.method, config.field_loss), (Method::NerfGrid, loss));
+            config.validate().unwrap();
+        }
+        assert!(parse_method("lcd-linear").is_err() && parse_method("nerf-grid-mulaw").is_err());
     }
 
     #[test]

@@ -23,6 +23,7 @@
 //! locks. Without them, a share that is begun twice at once is trained twice, to the same bits and
 //! with each file whole; one of the two may end with an error where the other tidied up.
 
+mod beside;
 mod columns;
 mod crops;
 mod csv;
@@ -53,9 +54,10 @@ use self::editing::Edited;
 pub use self::jobs::{StudyJob, jobs};
 use self::matrix::{CellState, Matrix};
 use self::measure::MeasureOptions;
-pub use self::method::{METHOD_OPTIONS, parse_method};
+pub use self::method::{METHOD_OPTIONS, StudyMethod, parse_method};
 pub use self::options::{StudyDataset, StudyOptions, parse_dataset};
 use self::page::Content;
+pub use self::paper::parse_methods;
 pub use self::plan::{StudyPlan, plan};
 use self::results::CellResult;
 pub use self::share::{StudyShare, parse_share};
@@ -208,7 +210,10 @@ fn write(matrix: &Matrix, results: &[CellResult], gaps: Gaps<'_>, edited: &[Edit
     files::write_text(&paths.means, &csv::means(matrix, results))?;
     files::write_text(&paths.profiles, &csv::profiles(matrix, &profiles))?;
     files::write_text(&paths.editing, &csv::editing(matrix, edited))?;
-    files::write_text(&paths.tables, &(latex::document(matrix, &tables, missing) + &latex::editing(matrix, edited)))?;
+    files::write_text(
+        &paths.tables,
+        &(latex::document(matrix, &tables, missing) + &beside::latex(matrix, &tables) + &latex::editing(matrix, edited)),
+    )?;
     let editing = editing::section(matrix, edited)?;
     let content = Content { matrix, results, failures, missing, tables: &tables, profiles: &profiles, editing };
     files::write_text(&paths.report, &page::page(&content)?)?;

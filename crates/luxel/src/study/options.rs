@@ -3,7 +3,6 @@
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use luxel_core::ColorModel;
 use luxel_io::LoadOptions;
 use luxel_metrics::FlipChoice;
 use luxel_train::TrainConfig;
@@ -11,6 +10,8 @@ use luxel_train::TrainConfig;
 use super::share::StudyShare;
 use crate::DeviceOptions;
 use crate::run::Difference;
+
+use super::method::StudyMethod;
 
 /// A data set of a study, and the name that tables and folders of runs give it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -81,8 +82,8 @@ pub struct StudyOptions {
     pub datasets: Vec<StudyDataset>,
     /// Folder of runs and report.
     pub output: PathBuf,
-    /// Colour models, in the order of the tables.
-    pub methods: Vec<ColorModel>,
+    /// Methods, in the order of the tables.
+    pub methods: Vec<StudyMethod>,
     /// Seeds: each method is trained once per seed on each data set.
     pub seeds: Vec<u64>,
     /// Runs side by side, at least 1.
@@ -96,7 +97,7 @@ pub struct StudyOptions {
     /// Memory that reading one file may take in each run, GiB; `None` for the default of the
     /// program.
     pub memory_gib: Option<u64>,
-    /// Options of training that all runs share; colour model and seed are replaced run by run.
+    /// Options of training that all runs share; method and seed are replaced run by run.
     pub train: TrainConfig,
     /// Whether HDR-FLIP is measured.
     pub flip: FlipChoice,

@@ -9,11 +9,12 @@ use crate::report::profile::{self, Profiled};
 use crate::{machine, text};
 use luxel_metrics::LuminanceProfile;
 
+use super::beside::OfStudy;
 use super::matrix::Matrix;
 use super::results::CellResult;
 use super::tables::Tables;
 use super::{Failure, MethodProfile};
-use super::{crops, html_table, paper};
+use super::{beside, crops, html_table, paper};
 
 /// The content of the page.
 pub(super) struct Content<'a> {
@@ -94,10 +95,11 @@ fn tables(content: &Content<'_>) -> String {
     }
     out += "<h3>Beside the paper</h3><p>The results of LCD-GS as published, on <b>other data</b>, on one RTX 4090, under a protocol that is not stated. \
             Compare the differences between methods, not the numbers.</p>";
-    match (average, matrix.sources.first().zip(content.tables.results.first())) {
-        (Some(average), _) => out += &html_table::gains(matrix, average, "mean of the data sets"),
-        (None, Some((source, table))) => out += &html_table::gains(matrix, table, &source.name),
-        (None, None) => {}
+    if let Some(OfStudy { table, data }) = beside::of_study(matrix, content.tables) {
+        out += &html_table::gains(matrix, table, data);
+        for papers in &paper::RESULTS {
+            let _ = write!(out, "<h4>Rows of the paper on {}</h4>{}", papers.dataset, beside::html(matrix, table, papers, data));
+        }
     }
     for table in &paper::RESULTS {
         let _ = write!(out, "<details><summary>The paper's table on {}</summary>{}</details>", table.dataset, html_table::papers(table));

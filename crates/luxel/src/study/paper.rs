@@ -7,6 +7,8 @@
 
 use luxel_core::{Activation, ColorModel};
 
+use super::method::{StudyMethod, parse_method};
+
 /// A row of the paper's tables.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PaperRow {
@@ -28,6 +30,35 @@ pub(super) struct PaperTable {
 
 const fn row(method: &'static str, [minutes, memory_mb, psnr, ssim, lpips, fps]: [f64; 6]) -> PaperRow {
     PaperRow { method, minutes, memory_mb, psnr, ssim, lpips, fps }
+}
+
+/// A method of the paper, and the one that stands for it here.
+struct PaperMethod {
+    /// Name in the paper's tables.
+    name: &'static str,
+    /// Name here; `None` while there is no such method.
+    here: Option<&'static str>,
+}
+
+/// The methods of the paper's tables of results, one a line. Its radiance fields are networks of 8
+/// layers of 256 units; ours are hash grids, and their names say so.
+const METHODS: [PaperMethod; 10] = [
+    PaperMethod { name: "NeRF", here: Some("nerf-grid-linear") },
+    PaperMethod { name: "3DGS", here: Some("sh3") },
+    PaperMethod { name: "3DGS-D4", here: Some("sh4") },
+    PaperMethod { name: "3DGS-D5", here: Some("sh5") },
+    PaperMethod { name: "HDR-NeRF", here: None },
+    PaperMethod { name: "HDR-GS", here: None },
+    PaperMethod { name: "Mono-HDR-GS", here: None },
+    PaperMethod { name: "Mono-HDR-NeRF", here: None },
+    PaperMethod { name: "GaussHDR", here: None },
+    PaperMethod { name: "LCD-GS", here: Some("lcd") },
+];
+
+impl PaperMethod {
+    fn method(&self) -> Option<StudyMethod> {
+        parse_method(self.here?).ok()
+    }
 }
 
 /// Tables of results. Methods with other kinds of input or representation are among them.
@@ -82,25 +113,43 @@ pub(super) const ACTIVATIONS: [PaperTable; 2] = [
 ];
 
 /// The paper's baseline, from which gains are counted.
-pub(super) const BASELINE: ColorModel = ColorModel::Sh { degree: 3 };
+pub(super) const BASELINE: StudyMethod = StudyMethod::Splats(ColorModel::Sh { degree: 3 });
 
 /// The paper's method.
-pub(super) const LCD_GS: ColorModel = ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation: Activation::Softplus };
+pub(super) const LCD_GS: StudyMethod =
+    StudyMethod::Splats(ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation: Activation::Softplus });
 
-/// Returns the paper's name of a model in its tables of results.
-pub(super) fn name_in_results(model: ColorModel) -> Option<&'static str> {
-    match model {
-        ColorModel::Sh { degree: 3 } => Some("3DGS"),
-        ColorModel::Sh { degree: 4 } => Some("3DGS-D4"),
-        ColorModel::Sh { degree: 5 } => Some("3DGS-D5"),
-        _ if name_of_activation(model) == Some("Softplus") => Some("LCD-GS"),
-        _ => None,
+/// Reads the methods that a name stands for: one, or with `table1` and `table2` those of the
+/// paper's tables of results on synthetic and on real data, in their order, as far as they exist
+/// here.
+///
+/// ```
+/// use luxel::study::parse_methods;
+///
+/// assert_eq!(parse_methods("lcd")?.len(), 1);
+/// let first = parse_methods("table1")?;
+/// assert_eq!((first[0].name(), first[1].name()), ("nerf-grid-linear".into(), "sh3".into()));
+/// # Ok::<(), String>(())
+/// ```
+///
+/// # Errors
+/// As [`parse_method`].
+pub fn parse_methods(text: &str) -> Result<Vec<StudyMethod>, String> {
+    match text {
+        "table1" => Ok(RESULTS[0].methods().collect()),
+        "table2" => Ok(RESULTS[1].methods().collect()),
+        _ => Ok(vec![parse_method(text)?]),
     }
 }
 
-/// Returns the paper's name of a model in its tables of activations.
-pub(super) fn name_of_activation(model: ColorModel) -> Option<&'static str> {
-    match model {
+/// Returns the paper's name of a method in its tables of results.
+pub(super) fn name_in_results(method: StudyMethod) -> Option<&'static str> {
+    METHODS.iter().find(|row| row.method() == Some(method)).map(|row| row.name)
+}
+
+/// Returns the paper's name of a method in its tables of activations.
+pub(super) fn name_of_activation(method: StudyMethod) -> Option<&'static str> {
+    match method.color_model()? {
         ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation } => Some(match activation {
             Activation::Softplus => "Softplus",
             Activation::Exp => "Exponential",
@@ -111,6 +160,16 @@ pub(super) fn name_of_activation(model: ColorModel) -> Option<&'static str> {
 }
 
 impl PaperTable {
+    /// Returns the methods that stand for the table's here, in its order.
+    pub(super) fn methods(&self) -> impl Iterator<Item = StudyMethod> {
+        self.rows.iter().filter_map(|row| Self::method(row.method))
+    }
+
+    /// Returns the method that stands for one of the paper's.
+    pub(super) fn method(name: &str) -> Option<StudyMethod> {
+        METHODS.iter().find(|row| row.name == name)?.method()
+    }
+
     /// Returns the row of a method.
     pub(super) fn row(&self, method: &str) -> Option<&PaperRow> {
         self.rows.iter().find(|row| row.method == method)
@@ -130,12 +189,22 @@ mod tests {
     }
 
     #[test]
+    fn the_papers_tables_are_lists_of_methods_in_its_order() {
+        let names = |list: &str| parse_methods(list).unwrap().into_iter().map(StudyMethod::name).collect::<Vec<_>>();
+        let [first, second] = ["table1", "table2"].map(names);
+        assert_eq!((first.first().map(String::as_str), first.last().map(String::as_str)), (Some("nerf-grid-linear"), Some("lcd")));
+        assert!(second.iter().all(|name| first.contains(name)), "{second:?}");
+        assert_eq!(names("sh4"), ["sh4"]);
+    }
+
+    #[test]
     fn models_have_the_papers_names() {
-        let lcd = |activation| ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation };
+        let lcd = |activation| StudyMethod::Splats(ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation });
         assert_eq!(name_in_results(lcd(Activation::Softplus)), Some("LCD-GS"));
         assert_eq!((name_in_results(lcd(Activation::Relu)), name_of_activation(lcd(Activation::Relu))), (None, Some("ReLU")));
         assert_eq!((name_in_results(BASELINE), name_of_activation(BASELINE)), (Some("3DGS"), None));
-        let brighter = ColorModel::Lcd { chroma_degree: 3, luminance_degree: 1, activation: Activation::Softplus };
+        let brighter = StudyMethod::Splats(ColorModel::Lcd { chroma_degree: 3, luminance_degree: 1, activation: Activation::Softplus });
+        assert!(RESULTS.iter().flat_map(|table| table.rows).all(|row| METHODS.iter().any(|method| method.name == row.method)));
         assert_eq!((name_in_results(brighter), name_of_activation(brighter)), (None, None));
     }
 }

@@ -82,6 +82,9 @@ fn speed(finished: &[CellResult], is_alike: impl Fn(&CellResult) -> bool) -> Opt
 /// Trains a run's first steps in memory, and returns the seconds per step.
 fn time_first_steps(cell: &Cell, observer: &dyn Observer) -> Result<f64> {
     let config = &cell.config;
+    if config.train.method.is_field() {
+        return crate::field::seconds_per_step(config, [WARM_UP_STEPS, TIMED_STEPS], observer);
+    }
     let dataset = Dataset::open_reporting(&config.dataset, &config.load, observer)?;
     let mut training = Training::builder(&dataset).config(config.train.clone()).device(config.device.clone()).start()?;
     for step in training.by_ref().take(WARM_UP_STEPS) {

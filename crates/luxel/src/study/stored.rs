@@ -5,9 +5,9 @@
 
 use std::path::{Path, PathBuf};
 
-use luxel_core::ColorModel;
 use serde::Deserialize;
 
+use super::method::StudyMethod;
 use super::{StudyDataset, parse_method};
 use crate::error::Context;
 use crate::{Error, Result, files};
@@ -20,7 +20,7 @@ const LIMIT_BYTES: u64 = 16 << 20;
 pub(super) struct Stored {
     /// Their paths are absolute.
     pub(super) datasets: Vec<StudyDataset>,
-    pub(super) methods: Vec<ColorModel>,
+    pub(super) methods: Vec<StudyMethod>,
     pub(super) seeds: Vec<u64>,
 }
 

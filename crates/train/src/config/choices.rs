@@ -14,6 +14,7 @@ use super::spec::{OptionValue, ValueHelp};
 /// assert_eq!(Method::from_name("sh3"), Some(Method::Sh3));
 /// assert_eq!(Method::Lcd.name(), "lcd");
 /// assert_eq!(Method::HdrGs.name(), "hdr-gs");
+/// assert!(Method::from_name("nerf-grid").is_some_and(Method::is_field));
 /// ```
 pub trait NamedChoice: Copy + PartialEq + 'static {
     /// The values with names and helps, in the order of listing.
@@ -109,6 +110,8 @@ choices! {
         /// HDR-GS (Cai et al. 2024): log harmonics, and networks from log radiance and exposure to
         /// captured images, which are trained on beside the radiance
         HdrGs: "hdr-gs",
+        /// No splats: a radiance field on a hash grid, of softplus radiance (NeRF)
+        NerfGrid: "nerf-grid",
     }
 
     /// Scales of radiance under the mu-law.
@@ -117,6 +120,13 @@ choices! {
         Scene: "scene",
         /// Each image by its own maximum, as HDR-GS was published: renders have no unit
         Own: "self",
+    }
+    /// Values of a pixel whose squared difference a radiance field minimises.
+    pub enum FieldLoss = Mulaw {
+        /// Radiance in normalised units: lamps outweigh everything else
+        Linear: "linear",
+        /// The mu-law of radiance, not clamped
+        Mulaw: "mulaw",
     }
 
     /// Strategies by which the number of splats grows.
@@ -207,6 +217,11 @@ impl Method {
     /// Returns whether steps see a captured image beside the radiance of its pose.
     pub fn trains_on_pairs(self) -> bool {
         matches!(self, Self::HdrGs)
+    }
+
+    /// Returns whether the method trains a radiance field, which has no splats.
+    pub fn is_field(self) -> bool {
+        self == Self::NerfGrid
     }
 }
 

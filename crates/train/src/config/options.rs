@@ -12,7 +12,8 @@ use serde::{Deserialize, Serialize};
 use super::range::Range;
 use super::spec::{Access, Condition, OptionSpec, OptionValue, check_in, parse_in};
 use super::{
-    BatchRule, CutoffPreset, ExposureCompensation, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED, Method, Preset, ScaleRule, Strategy,
+    BatchRule, CutoffPreset, ExposureCompensation, FieldLoss, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED, Method, Preset, ScaleRule,
+    Strategy,
 };
 use crate::{NoiseChoice, ResolutionSchedule};
 
@@ -102,7 +103,7 @@ options! {
         dropout: f32 = 0.2, "FRACTION", Range::ShareBelowOne;
     }
     "Colour model" {
-        /// Colour model
+        /// Colour model of splats, or a radiance field in place of splats
         method: Method = Method::Lcd, "METHOD", Range::Any;
         /// Map from the raw luminance to luminance
         activation: Option<Activation> = None, "ACTIVATION", Range::Any, unset: "softplus", needs: [Lcd];
@@ -128,6 +129,8 @@ options! {
         /// Fraction of L1 that is replaced by d^2 / 0.06, where d is a pixel's difference under the
         /// mu-law, so that large errors count more
         squared_share: f32 = 0.5, "FRACTION", Range::Share;
+        /// Values of a pixel whose squared difference a radiance field minimises
+        field_loss: Option<FieldLoss> = None, "FIELD_LOSS", Range::Any, unset: "mulaw", needs: [NerfGrid];
     }
     "Radiance and captured images" {
         /// Weight of the loss of radiance

@@ -119,6 +119,8 @@ impl OptionSpec {
 pub enum Condition {
     /// The colour model is LCD.
     Lcd,
+    /// A radiance field is trained on radiance.
+    NerfGrid,
     /// Splats are added by adaptive density control.
     Adc,
     /// Splats are added by MCMC.
@@ -141,8 +143,9 @@ pub enum Condition {
 
 impl Condition {
     /// All conditions.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Lcd,
+        Self::NerfGrid,
         Self::Adc,
         Self::Mcmc,
         Self::Absgrad,
@@ -157,7 +160,7 @@ impl Condition {
     /// Returns the name of the option that makes the choice.
     pub fn option(self) -> &'static str {
         match self {
-            Self::Lcd | Self::Pairs => "method",
+            Self::Lcd | Self::NerfGrid | Self::Pairs => "method",
             Self::Adc | Self::Mcmc => "strategy",
             Self::Absgrad => "absgrad",
             Self::Batch => "batch",
@@ -172,6 +175,7 @@ impl Condition {
         match self {
             Self::Lcd => "lcd",
             Self::Pairs => "hdr-gs",
+            Self::NerfGrid => "nerf-grid",
             Self::Adc => "adc",
             Self::Mcmc => "mcmc",
             Self::Absgrad | Self::RefinePoses => "",
@@ -186,6 +190,7 @@ impl Condition {
         match self {
             Self::Lcd => Some(config.method == Method::Lcd),
             Self::Pairs => Some(config.method.trains_on_pairs()),
+            Self::NerfGrid => Some(config.method == Method::NerfGrid),
             Self::Adc => Some(config.strategy == Strategy::Adc),
             Self::Mcmc => Some(config.strategy == Strategy::Mcmc),
             Self::Absgrad => Some(config.absgrad),

@@ -60,6 +60,7 @@ fn every_option_changes_the_configuration() {
         &["--mu", "10"],
         &["--ssim-weight", "0.8"],
         &["--squared-share", "0"],
+        &["--field-loss", "linear"],
         &["--average-share", "0"],
         &["--dropout", "0.1"],
         &["--clearance", "0.1"],

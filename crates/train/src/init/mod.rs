@@ -21,7 +21,9 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
 use crate::TrainError;
+use crate::camera_response::CameraResponse;
 use crate::config::TrainConfig;
+use crate::recorded::is_recorded;
 use crate::scale::{Luminances, Sampling};
 use crate::start_views::StartViews;
 use crate::views::pixels;
@@ -82,6 +84,19 @@ pub fn radiance_scale_of(dataset: &Dataset, config: &TrainConfig, knots: Option<
     let sampling = Sampling::new(&dataset.train, config.scale_rule);
     let luminances = views.look(&views.all(), |_, view| Luminances::new(view, sampling))?;
     Luminances::of_all(luminances, &views, sampling)?.radiance_scale(config.scale_rule)
+}
+
+/// Returns the radiance of one normalised unit for a training without splats: from the images
+/// unless the options state it.
+///
+/// # Errors
+/// Those of [`initialise`]; views of which some are radiance and others captured values.
+pub fn start_scale(dataset: &Dataset, config: &TrainConfig) -> Result<RadianceScale, TrainError> {
+    if dataset.train.is_empty() {
+        return Err(TrainError::NoTrainViews);
+    }
+    let response = is_recorded(&dataset.train)?.then(|| CameraResponse::new(config.unit_exposure, &dataset.train));
+    radiance_scale_of(dataset, config, response.as_ref().map(CameraResponse::knots))
 }
 
 /// Returns the colours of points in the images, normalised units, and the radiance of one such

@@ -53,6 +53,7 @@ impl Trainer {
 
     fn start(dataset: &Dataset, scene: Option<&Scene>, config: TrainConfig, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
         config.validate()?;
+        check_method(&config)?;
         check_views(dataset)?;
         check_batch(dataset, &config)?;
         check_focal(dataset, &config)?;
@@ -142,6 +143,14 @@ impl Trainer {
         };
         trainer.restore_poses();
         trainer
+    }
+}
+
+/// Refuses methods that train no splats.
+fn check_method(config: &TrainConfig) -> Result<(), TrainError> {
+    match config.method.is_field() {
+        true => Err(TrainError::config("method", format!("{} trains a radiance field, not splats", config.method.name()))),
+        false => Ok(()),
     }
 }
 

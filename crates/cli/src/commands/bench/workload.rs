@@ -153,6 +153,9 @@ fn in_method(splats: Splats, method: Option<Method>, name: &str) -> Result<Splat
             method.name()
         );
     }
+    if method.is_field() {
+        bail!("--method {}: the workload is splats, and a radiance field has none", method.name());
+    }
     let model: ColorModel = TrainConfig { method, ..TrainConfig::default() }.color_model();
     if model == splats.color_model {
         return Ok(splats);

@@ -98,6 +98,7 @@ impl Session<'_> {
             method: self.config.method_name(),
             iterations: iteration,
             splats: self.trainer.splats_len(),
+            field_parameters: None,
             train_seconds: spent.seconds,
             train_cpu_seconds: spent.processor_seconds,
             peak_rss_bytes: spent.peak_rss_bytes.max(memory::peak_resident_bytes()),

@@ -1,0 +1,41 @@
+//! Radiance fields: a multi-resolution hash grid and two small networks give density and radiance
+//! at any place, in any direction; rays are marched through the occupied cells and rendered.
+//! Gradients are exact and written by hand; results are the same bits for any number of threads.
+
+mod adam;
+mod engine;
+mod error;
+mod field;
+mod grid;
+mod head;
+mod lanes;
+mod loss;
+mod march;
+mod network;
+mod networks;
+mod occupancy;
+mod options;
+mod random;
+mod render;
+mod sampling;
+mod space;
+mod task;
+#[cfg(test)]
+mod tests;
+mod threads;
+mod trainer;
+mod volume;
+
+pub use engine::FieldEngine;
+pub use error::FieldError;
+pub use field::{Field, FieldArrays, FieldShape};
+pub use grid::GridShape;
+pub use loss::PixelLoss;
+pub use options::FieldConfig;
+pub use space::Space;
+pub use trainer::{FieldSnapshot, FieldState, FieldStep, FieldTrainer};
+
+/// The example of the crate's README, compiled as a doc test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct CrateReadmeExample;

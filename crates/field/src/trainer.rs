@@ -1,0 +1,343 @@
+//! Training of a field, one step at a time.
+//!
+//! In: a data set's training views, in memory; options. Out: a [`Field`] in normalised units.
+//!
+//! A step draws pixels of all views, marches their rays through the occupied cells, evaluates the
+//! networks at the samples, renders, and goes back. As many rays are drawn as gave
+//! [`SAMPLES_PER_STEP`] samples at the density of the last step. All random numbers are hashes of
+//! (seed, step, index), so that a resumed training needs no generator.
+//!
+//! Determinism: a step's rays are divided into [`TASKS`] parts whatever the number of threads. A
+//! part sums the gradient of the networks' weights by itself, and the parts are added in their
+//! order. The gradient of a level of the grid is summed by one thread, sample by sample.
+
+use fearless_simd::Level;
+use glam::DVec2;
+use luxel_core::{Dataset, View};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::adam::{Moving, Rate};
+use crate::error::FieldError;
+use crate::field::{Field, FieldArrays, FieldShape};
+use crate::loss::PixelLoss;
+use crate::options::FieldConfig;
+use crate::random;
+use crate::sampling::TrainingRay;
+use crate::task::{StepContext, Task};
+use crate::threads::start_threads;
+
+/// Samples that a step aims at.
+const SAMPLES_PER_STEP: usize = 1 << 16;
+/// Rays of the first step.
+const FIRST_RAYS: usize = 256;
+/// Least and greatest number of rays of a step.
+const RAYS: [usize; 2] = [64, 1 << 15];
+/// Parts of a step.
+const TASKS: usize = 64;
+/// Learning rate at its highest, of all parameters.
+const LEARNING_RATE: f32 = 1e-2;
+/// Steps over which the learning rate rises.
+const WARM_UP: u32 = 100;
+/// Parts of the run after each of which the learning rate is multiplied by [`DECAY`].
+const MILESTONES: [f64; 3] = [0.5, 0.75, 0.9];
+const DECAY: f32 = 0.33;
+/// Weight of the distortion loss: what a ray meets is in one place. With few views in a room, light
+/// that floats before the cameras is the main risk.
+const DISTORTION_WEIGHT: f32 = 1e-3;
+/// Steps between updates of the occupancy grid.
+const OCCUPANCY_EVERY: u32 = 16;
+/// Steps until which an update looks at all cells.
+const OCCUPANCY_ALL_UNTIL: u32 = 256;
+
+/// Numbers of one step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FieldStep {
+    /// Mean loss of the step's rays, without the regularisers.
+    pub loss: f32,
+    /// Rays.
+    pub rays: usize,
+    /// Samples on them.
+    pub samples: usize,
+}
+
+/// Everything that is needed to continue a training bit for bit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FieldSnapshot {
+    /// The shape and the place of the field.
+    pub shape: FieldShape,
+    /// Its arrays.
+    pub arrays: FieldArrays,
+    /// Adam's running means of the gradient: those of the table, then those of the weights.
+    pub first: Vec<f32>,
+    /// Adam's running means of its square, in the same order.
+    pub second: Vec<f32>,
+    /// Everything else.
+    pub state: FieldState,
+}
+
+/// The scalars of a training's state.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FieldState {
+    /// Options.
+    pub options: FieldConfig,
+    /// Steps that the learning rates were planned for.
+    pub planned: u32,
+    /// Steps made so far.
+    pub step: u32,
+    /// Rays of the next step.
+    pub rays: usize,
+}
+
+/// The training of a field.
+pub struct FieldTrainer {
+    field: Field,
+    state: FieldState,
+    views: TrainingViews,
+    moments: Moments,
+    gradient: Vec<f32>,
+    tasks: Vec<Task>,
+    threads: rayon::ThreadPool,
+    level: Level,
+}
+
+/// The views that a field is trained on, in memory.
+struct TrainingViews {
+    views: Vec<View>,
+    /// Number of the first pixel of each view, and the number of all.
+    starts: Vec<u64>,
+}
+
+/// Adam's running means: those of the table, then those of the networks' weights.
+struct Moments {
+    first: Vec<f32>,
+    second: Vec<f32>,
+}
+
+impl FieldTrainer {
+    /// Starts a training. 0 threads are as many as the machine has cores.
+    ///
+    /// # Errors
+    /// A data set without training views or valid pixels; an image that cannot be read; threads
+    /// that the system refuses.
+    pub fn new(dataset: &Dataset, options: FieldConfig, threads: usize) -> Result<Self, FieldError> {
+        let pool = start_threads(threads)?;
+        let views = TrainingViews::load(dataset)?;
+        let field = pool.install(|| Field::initial(dataset, options.grid, options.seed));
+        let count = field.parameter_count();
+        let state = FieldState { options, planned: options.iterations, step: 0, rays: FIRST_RAYS };
+        Ok(Self::assemble(field, state, views, Moments { first: vec![0.0; count], second: vec![0.0; count] }, pool))
+    }
+
+    /// Continues a training.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; [`FieldError::Arrays`] for a snapshot that is none.
+    pub fn resume(dataset: &Dataset, snapshot: FieldSnapshot, threads: usize) -> Result<Self, FieldError> {
+        let pool = start_threads(threads)?;
+        let views = TrainingViews::load(dataset)?;
+        let FieldSnapshot { shape, arrays, first, second, state } = snapshot;
+        let field = Field::from_arrays(shape, arrays)?;
+        for moments in [&first, &second] {
+            if moments.len() != field.parameter_count() || moments.iter().any(|value| !value.is_finite()) {
+                let expected = field.parameter_count();
+                return Err(FieldError::Arrays(format!("{} moments, expected {expected} finite ones", moments.len())));
+            }
+        }
+        if !(RAYS[0]..=RAYS[1]).contains(&state.rays) {
+            return Err(FieldError::Arrays(format!("{} rays a step, expected {} to {}", state.rays, RAYS[0], RAYS[1])));
+        }
+        Ok(Self::assemble(field, state, views, Moments { first, second }, pool))
+    }
+
+    fn assemble(field: Field, state: FieldState, views: TrainingViews, moments: Moments, threads: rayon::ThreadPool) -> Self {
+        let mut tasks = Vec::new();
+        tasks.resize_with(TASKS, Task::default);
+        let gradient = vec![0.0; field.table.len()];
+        Self { field, state, views, moments, gradient, tasks, threads, level: Level::new() }
+    }
+
+    /// Returns the field as it stands.
+    pub fn field(&self) -> &Field {
+        &self.field
+    }
+
+    /// Returns the scalars of the state.
+    pub fn state(&self) -> &FieldState {
+        &self.state
+    }
+
+    /// Returns the number of threads.
+    pub fn threads(&self) -> usize {
+        self.threads.current_num_threads()
+    }
+
+    /// Runs `work` on the training's threads.
+    pub fn install<R: Send>(&self, work: impl FnOnce(&Field) -> R + Send) -> R {
+        self.threads.install(|| work(&self.field))
+    }
+
+    /// Returns whether all steps are made.
+    pub fn is_finished(&self) -> bool {
+        self.state.step >= self.state.options.iterations
+    }
+
+    /// Sets the step after which the training ends. Learning rates stay as planned at the start.
+    pub fn set_iterations(&mut self, iterations: u32) {
+        self.state.options.iterations = iterations.max(1);
+    }
+
+    /// Returns everything that is needed to continue.
+    pub fn snapshot(&self) -> FieldSnapshot {
+        FieldSnapshot {
+            shape: self.field.shape(),
+            arrays: self.field.arrays(),
+            first: self.moments.first.clone(),
+            second: self.moments.second.clone(),
+            state: self.state,
+        }
+    }
+
+    /// Makes one step.
+    ///
+    /// # Errors
+    /// [`FieldError::NotFinite`] if the loss is not a number.
+    pub fn step(&mut self) -> Result<FieldStep, FieldError> {
+        let step = self.state.step.saturating_add(1);
+        let seed = random::bits(self.state.options.seed, u64::from(step));
+        let rays = self.draw(seed);
+        let (count, per_task) = (rays.len().max(1), rays.len().div_ceil(TASKS).max(1));
+        let context = StepContext {
+            field: &self.field,
+            options: &self.state.options,
+            share: (count as f32).recip(),
+            distortion_weight: DISTORTION_WEIGHT,
+        };
+        let (level, tasks) = (self.level, &mut self.tasks);
+        self.threads.install(|| {
+            tasks.par_iter_mut().enumerate().for_each(|(part, task)| {
+                let rays = rays.chunks(per_task).nth(part).unwrap_or(&[]);
+                fearless_simd::dispatch!(level, simd => task.run(simd, context, rays));
+            });
+        });
+        let samples: usize = self.tasks.iter().map(|task| task.samples.len()).sum();
+        let loss = (self.tasks.iter().map(|task| task.loss).sum::<f64>() / count as f64) as f32;
+        if !loss.is_finite() {
+            return Err(FieldError::NotFinite { step });
+        }
+        self.update(Rate::new(self.learning_rate(step), step));
+        if step.is_multiple_of(OCCUPANCY_EVERY) {
+            let (field, all) = (&mut self.field, step <= OCCUPANCY_ALL_UNTIL);
+            self.threads.install(|| field.update_occupancy(level, !seed, all));
+        }
+        let next = (count * SAMPLES_PER_STEP / samples.max(1)).clamp(RAYS[0], RAYS[1]);
+        self.state.rays = next;
+        self.state.step = step;
+        Ok(FieldStep { loss, rays: rays.len(), samples })
+    }
+
+    fn learning_rate(&self, step: u32) -> f32 {
+        let part = f64::from(step) / f64::from(self.state.planned.max(1));
+        let passed = MILESTONES.iter().filter(|milestone| part > **milestone).count();
+        let warm = (step as f32 / WARM_UP as f32).min(1.0);
+        LEARNING_RATE * warm * DECAY.powi(passed as i32)
+    }
+
+    /// Draws the rays of a step.
+    fn draw(&self, seed: u64) -> Vec<TrainingRay> {
+        let space = self.field.shape().space;
+        let draw = |index: usize| {
+            let (view, pixel) = self.views.pixel(random::bits(seed, 2 * index as u64))?;
+            let width = view.camera.size_px[0] as usize;
+            let ray = space.ray(&view.camera, DVec2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5))?;
+            let weight = luxel_core::mask::weight(view.mask.as_deref(), pixel);
+            let target = self.state.options.radiance_scale.normalised(view.image.pixels[pixel]);
+            Some(TrainingRay {
+                ray,
+                shift: random::uniform(seed, 2 * index as u64 + 1),
+                target,
+                weight,
+                background: self.behind(seed, index as u64),
+            })
+        };
+        self.threads.install(|| (0..self.state.rays).into_par_iter().filter_map(draw).collect())
+    }
+
+    /// Draws the radiance behind a ray. It differs from step to step, so that only an opaque field
+    /// explains the images.
+    fn behind(&self, seed: u64, ray: u64) -> [f32; 3] {
+        let FieldConfig { loss, mu, .. } = self.state.options;
+        [0, 1, 2].map(|c| {
+            let value = random::uniform(!seed, 3 * ray + c);
+            match loss {
+                PixelLoss::Linear => value,
+                PixelLoss::Mulaw => (value * mu.ln_1p()).exp_m1() / mu,
+            }
+        })
+    }
+
+    /// Moves all parameters against the gradient of the tasks.
+    fn update(&mut self, rate: Rate) {
+        let Self { field, moments: Moments { first, second }, gradient, tasks, threads, level, .. } = self;
+        let (level, table_len) = (*level, field.table.len());
+        let (grid, tasks) = (&field.grid, &*tasks);
+        let (first, first_weights) = first.split_at_mut(table_len);
+        let (second, second_weights) = second.split_at_mut(table_len);
+        let mut parts = Vec::with_capacity(grid.levels());
+        let (mut rest, mut rest_first, mut rest_second, mut rest_gradient) = (&mut field.table[..], first, second, &mut gradient[..]);
+        for number in 0..grid.levels() {
+            let count = grid.numbers(number).len();
+            let (parameters, a) = rest.split_at_mut(count);
+            let (first, b) = rest_first.split_at_mut(count);
+            let (second, c) = rest_second.split_at_mut(count);
+            let (gradient, d) = rest_gradient.split_at_mut(count);
+            (rest, rest_first, rest_second, rest_gradient) = (a, b, c, d);
+            parts.push((number, Moving { parameters, first, second }, gradient));
+        }
+        threads.install(|| {
+            parts.into_par_iter().with_max_len(1).for_each(|(number, moving, gradient)| {
+                gradient.fill(0.0);
+                fearless_simd::dispatch!(level, simd => {
+                    for task in tasks {
+                        grid.scatter(simd, number, &task.samples.positions, &task.by_features, gradient);
+                    }
+                    rate.update(simd, moving, gradient);
+                });
+            });
+        });
+        let mut sum = vec![0.0; field.weights.len()];
+        for task in tasks {
+            sum.iter_mut().zip(&task.gradient).for_each(|(sum, value)| *sum += value);
+        }
+        let moving = Moving { parameters: &mut field.weights, first: first_weights, second: second_weights };
+        fearless_simd::dispatch!(level, simd => rate.update(simd, moving, &sum));
+    }
+}
+
+impl TrainingViews {
+    /// Reads the training views into memory, and numbers their pixels.
+    fn load(dataset: &Dataset) -> Result<Self, FieldError> {
+        let mut views = Vec::with_capacity(dataset.train.len());
+        let mut starts = vec![0];
+        let mut has_pixels = false;
+        for view in &dataset.train {
+            view.validate()?;
+            let view = view.loaded()?;
+            has_pixels |= (0..view.image.pixels.len()).any(|i| view.is_valid(i));
+            starts.push(starts.last().unwrap_or(&0) + view.pixel_count());
+            views.push(view);
+        }
+        match (views.is_empty(), has_pixels) {
+            (true, _) => Err(FieldError::NoTrainViews),
+            (_, false) => Err(FieldError::NoPixels),
+            _ => Ok(Self { views, starts }),
+        }
+    }
+
+    /// Returns the view and the number in it of the pixel that random bits choose among all.
+    fn pixel(&self, bits: u64) -> Option<(&View, usize)> {
+        let pixel = bits.checked_rem(*self.starts.last()?)?;
+        let number = self.starts.partition_point(|start| *start <= pixel).checked_sub(1)?;
+        Some((self.views.get(number)?, (pixel - self.starts[number]) as usize))
+    }
+}

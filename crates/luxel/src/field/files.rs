@@ -1,0 +1,138 @@
+//! The files of fields: `field.safetensors`, and checkpoints, which hold the state of the training
+//! too. Both are files of arrays ([`luxel_io::write_arrays`]) with a description in JSON.
+
+use std::path::Path;
+
+use glam::{DMat3, DVec3};
+use luxel_core::{ColorModel, ColorSpace, RadianceScale, RasterConfig, Scene, Similarity, Splats};
+use luxel_field::{Field, FieldArrays, FieldShape, FieldSnapshot, FieldState};
+use luxel_io::{Arrays, NamedArray};
+use luxel_train::TrainConfig;
+use serde::{Deserialize, Serialize};
+
+use crate::error::Context;
+use crate::{Error, Result};
+
+/// Name of the kind of file.
+pub(super) const FORMAT: &str = "luxel-field";
+
+/// A radiance field, with what is needed to render it in the radiance of its data set.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FieldScene {
+    /// The field, normalised units.
+    pub field: Field,
+    /// Its units and place: a scene without splats.
+    pub place: Scene,
+}
+
+/// A run that can be continued.
+pub(super) struct FieldCheckpoint {
+    pub(super) training: TrainingRecord,
+    pub(super) snapshot: FieldSnapshot,
+}
+
+/// The state of a run, without its arrays.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct TrainingRecord {
+    pub(super) config: TrainConfig,
+    /// Digest of the data set.
+    pub(super) fingerprint: String,
+    pub(super) state: FieldState,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Description {
+    shape: FieldShape,
+    radiance_scale: RadianceScale,
+    color_space: ColorSpace,
+    /// Place of the local origin and length of a local unit, world.
+    origin: [f64; 3],
+    unit: f64,
+    metres_per_unit: Option<f64>,
+    /// Only in checkpoints.
+    training: Option<TrainingRecord>,
+}
+
+/// Returns a scene without splats.
+pub(super) fn place_of(radiance_scale: RadianceScale, color_space: ColorSpace, world_from_local: Similarity, metres: Option<f64>) -> Scene {
+    Scene {
+        splats: Splats::empty(ColorModel::Sh { degree: 0 }),
+        radiance_scale,
+        color_space,
+        raster: RasterConfig::default(),
+        edits: Vec::new(),
+        world_from_local,
+        metres_per_unit: metres,
+    }
+}
+
+/// Writes a field; with the state of its training, a checkpoint.
+pub(super) fn write(
+    path: &Path,
+    place: &Scene,
+    snapshot: &FieldSnapshot,
+    training: Option<TrainingRecord>,
+) -> Result<(), luxel_io::IoError> {
+    let is_checkpoint = training.is_some();
+    let description = Description {
+        shape: snapshot.shape,
+        radiance_scale: place.radiance_scale,
+        color_space: place.color_space,
+        origin: place.world_from_local.translation().to_array(),
+        unit: place.world_from_local.scale(),
+        metres_per_unit: place.metres_per_unit,
+        training,
+    };
+    let description = serde_json::to_string(&description).map_err(|e| luxel_io::IoError::invalid(path, e))?;
+    let FieldArrays { table, weights, occupancy } = &snapshot.arrays;
+    let mut named = vec![("table", table), ("weights", weights), ("occupancy", occupancy)];
+    if is_checkpoint {
+        named.extend([("moments.first", &snapshot.first), ("moments.second", &snapshot.second)]);
+    }
+    let shapes: Vec<[usize; 1]> = named.iter().map(|(_, values)| [values.len()]).collect();
+    let arrays: Vec<NamedArray<'_>> = named.iter().zip(&shapes).map(|((name, values), shape)| NamedArray { name, shape, values }).collect();
+    luxel_io::write_arrays(path, FORMAT, &description, &arrays)
+}
+
+/// Reads a field, or that of a checkpoint.
+pub(super) fn read(path: &Path) -> Result<FieldScene> {
+    let (description, mut arrays) = read_parts(path)?;
+    scene(path, &description, &mut arrays)
+}
+
+/// Reads a checkpoint.
+pub(super) fn read_checkpoint(path: &Path) -> Result<FieldCheckpoint> {
+    let (mut description, mut arrays) = read_parts(path)?;
+    let scene = scene(path, &description, &mut arrays)?;
+    let training = description.training.take().with_context(|| format!("{}: holds a field without its training", path.display()))?;
+    let (first, second) = (take(path, &mut arrays, "moments.first")?, take(path, &mut arrays, "moments.second")?);
+    let snapshot = FieldSnapshot { shape: description.shape, arrays: scene.field.arrays(), first, second, state: training.state };
+    Ok(FieldCheckpoint { training, snapshot })
+}
+
+fn read_parts(path: &Path) -> Result<(Description, Arrays)> {
+    let arrays = luxel_io::read_arrays(path, FORMAT)?;
+    let description =
+        serde_json::from_str(&arrays.description).with_context(|| format!("{}: not the description of a field", path.display()))?;
+    Ok((description, arrays))
+}
+
+fn scene(path: &Path, description: &Description, arrays: &mut Arrays) -> Result<FieldScene> {
+    let field = FieldArrays {
+        table: take(path, arrays, "table")?,
+        weights: take(path, arrays, "weights")?,
+        occupancy: take(path, arrays, "occupancy")?,
+    };
+    let field = Field::from_arrays(description.shape, field).with_context(|| path.display().to_string())?;
+    let world_from_local = Similarity::new(DMat3::IDENTITY, description.unit, DVec3::from_array(description.origin))
+        .with_context(|| format!("{}: a unit of {}, expected a number above 0", path.display(), description.unit))?;
+    let Description { radiance_scale, color_space, metres_per_unit, .. } = *description;
+    Ok(FieldScene { field, place: place_of(radiance_scale, color_space, world_from_local, metres_per_unit) })
+}
+
+fn take(path: &Path, arrays: &mut Arrays, name: &str) -> Result<Vec<f32>> {
+    let found = arrays.tensors.remove(name).map(|(_, values)| values);
+    found.ok_or_else(|| Error::new(format!("{}: no array \"{name}\"", path.display())))
+}

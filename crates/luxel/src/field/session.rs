@@ -1,0 +1,298 @@
+//! The loop of a run of a field, from its first (or next) step to its report: steps, log,
+//! checkpoints and evaluations, in the order and at the steps of any run ([`crate::run::Session`]).
+
+use std::collections::BTreeMap;
+
+use luxel_core::{Dataset, RenderOptions, Scene};
+use luxel_field::{FieldEngine, FieldTrainer};
+use luxel_io::IoErrorKind;
+use luxel_metrics::{FieldOptions, FlipChoice, GainFit};
+
+use super::files::{self, TrainingRecord};
+use crate::error::{Context, bail};
+use crate::run::clock::Clock;
+use crate::run::evaluation::{Metrics, Rendering};
+use crate::run::log::{LOG_EVERY, LogRecord, RunLog};
+use crate::run::test_curve::TestCurve;
+use crate::run::{Launch, Outcome, RunConfig, RunFolder, report, state};
+use crate::{Error, Event, Result, build_info, files as text_files, memory, schema, text};
+
+/// A run of a field in progress.
+pub(super) struct FieldSession<'a> {
+    pub(super) dataset: &'a Dataset,
+    pub(super) config: &'a RunConfig,
+    pub(super) launch: Launch<'a>,
+    pub(super) threads: usize,
+    /// Place where the field is computed.
+    pub(super) computed_by: String,
+    pub(super) trainer: FieldTrainer,
+    /// Units and place of the field.
+    pub(super) place: Scene,
+}
+
+/// The state of the loop besides the trainer.
+struct LoopState {
+    log: RunLog,
+    clock: Clock,
+    peak_before: Option<u64>,
+    psnr_test: Option<f64>,
+    psnr_test_sample: Option<f64>,
+    steps: u32,
+    seconds: f64,
+    loss: f64,
+}
+
+impl FieldSession<'_> {
+    /// Trains to the end, or until a stop is requested.
+    pub(super) fn run(mut self) -> Result<Outcome> {
+        let (start, observer) = (self.iteration(), self.launch.observer);
+        let (log, last) = RunLog::open(&self.launch.folder.log(), start, &self.config.run.log)?;
+        let mut state = LoopState {
+            log,
+            clock: Clock::resumed(
+                last.as_ref().map_or(0.0, |record| record.elapsed_s),
+                last.as_ref().map_or(Some(0.0), |record| record.cpu_s),
+            ),
+            peak_before: last.as_ref().and_then(|record| record.peak_rss_bytes),
+            psnr_test: last.as_ref().and_then(|record| record.psnr_test),
+            psnr_test_sample: last.and_then(|record| record.psnr_test_sample),
+            steps: 0,
+            seconds: 0.0,
+            loss: 0.0,
+        };
+        let listening = self.launch.stop.listen();
+        observer.event(Event::StepsBegin { done: start, total: self.config.train.iterations });
+        let outcome = self.train(&mut state);
+        observer.event(Event::StepsEnd);
+        drop(listening);
+        if outcome.as_ref().is_ok_and(|outcome| *outcome == Outcome::Finished) {
+            observer.note(&text::training_time(state.clock.seconds(), state.clock.processor_seconds()));
+        }
+        outcome
+    }
+
+    fn iteration(&self) -> u32 {
+        self.trainer.state().step
+    }
+
+    fn train(&mut self, state: &mut LoopState) -> Result<Outcome> {
+        // A run that died between a checkpoint and the end of its evaluation does the evaluation
+        // first.
+        if self.evaluation_is_due() && !self.launch.folder.evaluated_iterations().contains(&self.iteration()) {
+            self.evaluate(state)?;
+        }
+        while !self.trainer.is_finished() {
+            if self.launch.stop.is_requested() {
+                self.log(state)?;
+                self.save(state)?;
+                return Ok(Outcome::Interrupted);
+            }
+            let before = state.clock.seconds();
+            let step = self.trainer.step().with_context(|| format!("training step {}", self.iteration() + 1))?;
+            state.steps += 1;
+            state.seconds += state.clock.seconds() - before;
+            state.loss += f64::from(step.loss);
+            let iteration = self.iteration();
+            self.launch.observer.event(Event::Step { done: iteration });
+            let every = self.config.run.checkpoint_every;
+            let save = self.trainer.is_finished() || (every > 0 && iteration.is_multiple_of(every));
+            let evaluate = self.evaluation_is_due();
+            if save || evaluate || iteration.is_multiple_of(LOG_EVERY) {
+                self.check_folder()?;
+                self.log(state)?;
+            }
+            if save || evaluate {
+                self.save(state)?;
+            }
+            if evaluate {
+                self.evaluate(state).with_context(|| format!("the state of step {iteration} is saved"))?;
+            }
+        }
+        Ok(Outcome::Finished)
+    }
+
+    fn evaluation_is_due(&self) -> bool {
+        let (run, iteration) = (&self.config.run, self.iteration());
+        self.trainer.is_finished()
+            || match run.eval_every {
+                Some(every) => iteration > 0 && iteration.is_multiple_of(every),
+                None => run.eval_at.contains(&iteration),
+            }
+    }
+
+    /// Ends a run whose folder another program removed or took apart meanwhile.
+    fn check_folder(&self) -> Result<()> {
+        let folder = self.launch.folder;
+        if !RunFolder::is_run(folder.root()) {
+            let (root, iteration) = (folder.root().display(), self.iteration());
+            let message =
+                format!("{root}: the folder or its config.toml was removed while the run was at work; it ends at step {iteration}");
+            return Err(Error::new(message).with_remedy(luxel_core::Remedy::advice("train again, into a folder that stays")));
+        }
+        Ok(())
+    }
+
+    /// Writes a line of the log and reports it. A log that cannot be written costs a warning.
+    fn log(&mut self, state: &mut LoopState) -> Result<()> {
+        if state.steps == 0 {
+            return Ok(());
+        }
+        let iteration = self.iteration();
+        let schedule = TestCurve::new(self.config.train.iterations, self.dataset.test.len());
+        let mut psnr_train = None;
+        if schedule.is_due(iteration) {
+            let (train, test) = state.clock.paused(|| self.look(schedule))?;
+            psnr_train = train;
+            state.psnr_test_sample = test.or(state.psnr_test_sample);
+        }
+        let steps = f64::from(std::mem::take(&mut state.steps));
+        let (seconds, loss) = (std::mem::take(&mut state.seconds), std::mem::take(&mut state.loss));
+        let record = LogRecord {
+            iteration,
+            loss: loss / steps,
+            l1: None,
+            ssim: None,
+            psnr_train,
+            psnr_test: state.psnr_test,
+            psnr_test_sample: state.psnr_test_sample,
+            poses: None,
+            vignetting_corner_ev: Vec::new(),
+            splats: 0,
+            visible: 0,
+            iterations_per_second: if seconds > 0.0 { steps / seconds } else { 0.0 },
+            elapsed_s: state.clock.seconds(),
+            cpu_s: state.clock.processor_seconds(),
+            rss_bytes: memory::resident_bytes(),
+            peak_rss_bytes: memory::peak_resident_bytes().max(state.peak_before),
+        };
+        self.launch.observer.event(Event::Progress { record: record.clone(), total: self.config.train.iterations });
+        if let Err(error) = state.log.append(&record) {
+            self.launch.observer.warn(&format!("{error:#}; training continues without this line of the log"));
+        }
+        Ok(())
+    }
+
+    /// Returns the PSNR of a training view in turn, and the mean of a few test views.
+    fn look(&self, schedule: TestCurve) -> Result<(Option<f64>, Option<f64>)> {
+        let mut engine = self.engine()?;
+        let mut rendering = self.rendering(&mut engine);
+        let turn = (self.iteration() / LOG_EVERY) as usize % self.dataset.train.len().max(1);
+        let train = self.dataset.train.get(turn).map(|view| rendering.probe(view)).transpose()?.flatten();
+        let views = schedule.views().filter_map(|i| self.dataset.test.get(i));
+        let found: Vec<Option<f64>> = views.map(|view| rendering.probe(view)).collect::<Result<_>>()?;
+        let found: Vec<f64> = found.into_iter().flatten().collect();
+        Ok((train, (!found.is_empty()).then(|| found.iter().sum::<f64>() / found.len() as f64)))
+    }
+
+    fn engine(&self) -> Result<FieldEngine> {
+        FieldEngine::new(self.trainer.field().clone(), self.threads).context("cannot render the field")
+    }
+
+    fn rendering<'e>(&self, engine: &'e mut FieldEngine) -> Rendering<'e> {
+        Rendering {
+            engine,
+            options: RenderOptions { background: self.config.background(self.place.radiance_scale), ..self.place.render_options() },
+            radiance_scale: self.place.radiance_scale,
+            mu: self.config.train.mu,
+            color_space: self.dataset.color_space,
+            peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
+            flip: FlipChoice::Skip,
+            lpips: None,
+            response: None,
+            log_gains: BTreeMap::new(),
+            progress: None,
+        }
+    }
+
+    /// Writes a checkpoint, after the log's lines up to it. If the disk is full, older ones are
+    /// removed, but never the newest.
+    fn save(&mut self, state: &mut LoopState) -> Result<()> {
+        if let Err(error) = state.log.sync() {
+            self.launch.observer.warn(&format!("{error:#}"));
+        }
+        let (iteration, folder) = (self.iteration(), self.launch.folder.root());
+        if !folder.is_dir() {
+            bail!("{}: the folder was removed while the run was at work; it ends at step {iteration}", folder.display());
+        }
+        let path = luxel_io::checkpoint_path(folder, iteration.into());
+        let keep = self.config.run.keep_checkpoints as usize;
+        let training = TrainingRecord {
+            config: self.config.train.clone(),
+            fingerprint: self.dataset.fingerprint.clone(),
+            state: *self.trainer.state(),
+        };
+        let snapshot = self.trainer.snapshot();
+        let write = || files::write(&path, &self.place, &snapshot, Some(training.clone()));
+        let mut written = write();
+        let lacks_room = written.as_ref().is_err_and(|error| error.kind == IoErrorKind::NoRoom);
+        if lacks_room && keep > 1 && luxel_io::prune_checkpoints(folder, 1).is_ok() {
+            written = write();
+        }
+        if let Err(error) = written {
+            let kept = match state::newest_checkpoint(self.launch.folder) {
+                Some(path) => format!("the last good checkpoint is {}", path.display()),
+                None => "there is no earlier checkpoint".into(),
+            };
+            return Err(Error::from(error).context(format!("cannot save the state of step {iteration}; {kept}")));
+        }
+        luxel_io::prune_checkpoints(folder, keep)?;
+        self.launch.observer.event(Event::Saved { path });
+        Ok(())
+    }
+
+    /// Writes field, images, metrics and report of this step, with the clock stopped.
+    fn evaluate(&mut self, state: &mut LoopState) -> Result<()> {
+        let (seconds, processor) = (state.clock.seconds(), state.clock.processor_seconds());
+        let peak = memory::peak_resident_bytes().max(state.peak_before);
+        let psnr = state.clock.paused(|| self.evaluate_at(seconds, processor, peak))?;
+        state.psnr_test = psnr.or(state.psnr_test);
+        Ok(())
+    }
+
+    fn evaluate_at(&self, train_seconds: f64, train_cpu_seconds: Option<f64>, peak_before: Option<u64>) -> Result<Option<f64>> {
+        let (iteration, folder, config) = (self.iteration(), self.launch.folder, self.config);
+        let path = folder.field(iteration);
+        files::write(&path, &self.place, &self.trainer.snapshot(), None)?;
+        self.launch.observer.event(Event::Saved { path });
+        let images = folder.evaluation(iteration);
+        let mut engine = self.engine()?;
+        let mut rendering = self.rendering(&mut engine);
+        let test = rendering.evaluate(&self.dataset.test, Some(&images), GainFit::None)?;
+        let finished = self.trainer.is_finished();
+        let train = if finished { rendering.evaluate(&self.dataset.train, None, GainFit::None)? } else { None };
+        let splits = [("test", test), ("train", train)];
+        let metrics = Metrics {
+            method: config.method_name(),
+            iterations: iteration,
+            splats: 0,
+            field_parameters: Some(self.trainer.field().parameter_count()),
+            train_seconds,
+            train_cpu_seconds,
+            peak_rss_bytes: peak_before.max(memory::peak_resident_bytes()),
+            radiance_scale: self.place.radiance_scale,
+            mu: config.train.mu,
+            seed: config.train.seed,
+            threads: self.threads,
+            computed_by: self.computed_by.clone(),
+            luxel_version: crate::VERSION.into(),
+            revision: build_info::REVISION.map(Into::into),
+            features: build_info::features().into_iter().map(Into::into).collect(),
+            dataset: config.dataset_path(folder.root()).display().to_string(),
+            poses: None,
+            test_alignment: None,
+            vignetting: Vec::new(),
+            splits: splits.into_iter().filter_map(|(name, split)| Some((name.to_owned(), split?))).collect(),
+        };
+        text_files::write_json(&folder.metrics(), schema::METRICS, &metrics)?;
+        if finished {
+            report::write(folder, config, self.dataset, report::Evaluated { metrics: &metrics, images: &images })?;
+        }
+        // Last: it marks the evaluation as complete.
+        text_files::write_json(&images.join("metrics.json"), schema::METRICS, &metrics)?;
+        for (name, split) in &metrics.splits {
+            let (mean, views) = (split.mean, split.views.len());
+            self.launch.observer.event(Event::Evaluation { step: iteration, split: name.clone(), mean, views });
+        }
+        Ok(metrics.splits.get("test").map(|split| split.mean.psnr_scene))
+    }
+}
