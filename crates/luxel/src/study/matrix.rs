@@ -10,9 +10,10 @@ use std::path::{Path, PathBuf};
 
 use crate::Result;
 use crate::error::{Context, bail};
-use crate::run::{Difference, MadeBy, Occupant, RunConfig, RunFolder, RunOptions};
+use crate::run::{Difference, ExplicitArgs, MadeBy, Occupant, RunConfig, RunFolder, RunOptions};
 use crate::{DeviceOptions, Error};
 use luxel_core::Remedy;
+use luxel_io::LoadOptions;
 use luxel_train::TrainConfig;
 
 use super::method::{self, StudyMethod, with_method};
@@ -82,6 +83,8 @@ pub(super) struct Matrix {
     pub(super) threads: usize,
     /// Memory that reading one file may take in each cell, GiB.
     pub(super) memory_gib: Option<u64>,
+    /// How data sets are read, but for what a method implies.
+    load: LoadOptions,
 }
 
 impl Matrix {
@@ -109,7 +112,17 @@ impl Matrix {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let jobs = options.jobs.max(1);
         let threads = options.device.threads.map_or_else(|| (cores / jobs).max(1), |threads| threads as usize);
-        let mut matrix = Self { root, sources, methods, seeds, cells: Vec::new(), jobs, threads, memory_gib: options.memory_gib };
+        let mut matrix = Self {
+            root,
+            sources,
+            methods,
+            seeds,
+            cells: Vec::new(),
+            jobs,
+            threads,
+            memory_gib: options.memory_gib,
+            load: options.load.clone(),
+        };
         for seed in matrix.seeds.clone() {
             for (source, method) in
                 (0..matrix.sources.len()).flat_map(|source| (0..matrix.methods.len()).map(move |method| (source, method)))
@@ -134,7 +147,7 @@ impl Matrix {
         let place = Path::new(RUNS).join(&dataset.name).join(model.name()).join(format!("seed_{seed}"));
         let train = crate::blocks::train_config(&dataset.path, train)?;
         train.validate().with_context(|| format!("method {}", model.name()))?;
-        let config = RunConfig {
+        let mut config = RunConfig {
             luxel_version: crate::VERSION.into(),
             made_by: MadeBy::Train,
             dataset: dataset.path.clone(),
@@ -151,6 +164,7 @@ impl Matrix {
             },
             train,
         };
+        config.imply_supervision(&ExplicitArgs::default());
         Ok(Cell { source, method, seed, folder: RunFolder::at(&self.root.join(&place)), place, config, job: None })
     }
 
@@ -231,7 +245,7 @@ impl Matrix {
             for id in method::METHOD_OPTIONS.iter().chain(&["seed"]) {
                 train.remove(*id);
             }
-            table.insert("load".into(), toml::Value::try_from(&cell.config.load)?);
+            table.insert("load".into(), toml::Value::try_from(&self.load)?);
             table.insert("train".into(), train.into());
         }
         Ok(toml::to_string_pretty(&table)?)

@@ -17,6 +17,7 @@ use crate::files;
 use crate::run::evaluation::{self, Rendering};
 use crate::run::state::{self, LoadedRun};
 use luxel_core::{Dataset, Engine, RenderOptions, View};
+use luxel_io::Supervision;
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips};
 use luxel_train::LensVignetting;
@@ -93,7 +94,7 @@ pub(super) fn measure(
     let cells = finished.iter().filter_map(|&i| matrix.cells.get(i));
     let mut todo: Vec<&Cell> = cells.filter(|cell| is_open(cell)).collect();
     // One data set after another, so that each is read once and one is held.
-    todo.sort_by_key(|cell| cell.source);
+    todo.sort_by_key(|cell| (cell.source, cell.config.train.method.trains_on_pairs()));
     let mut dataset: Option<HeldDataset> = None;
     let mut failures = Vec::new();
     for cell in todo {
@@ -123,15 +124,17 @@ fn engine_of(field: bool, device: &DeviceOptions) -> Result<SelectedEngine> {
 struct HeldDataset {
     /// Index into [`Matrix::sources`].
     source: usize,
+    supervision: Supervision,
     dataset: Dataset,
 }
 
 /// Returns the data set of a cell, and reads it if it is not the one in memory.
 fn dataset_of<'d>(held: &'d mut Option<HeldDataset>, cell: &Cell, observer: &dyn Observer) -> Result<&'d Dataset> {
-    if held.as_ref().is_none_or(|held| held.source != cell.source) {
+    let supervision = cell.config.load.supervision;
+    if held.as_ref().is_none_or(|held| (held.source, held.supervision) != (cell.source, supervision)) {
         *held = None;
         let dataset = crate::Dataset::open_reporting(&cell.config.dataset, &cell.config.load, observer)?.into_core();
-        *held = Some(HeldDataset { source: cell.source, dataset });
+        *held = Some(HeldDataset { source: cell.source, supervision, dataset });
     }
     held.as_ref().map(|held| &held.dataset).context("no data set")
 }

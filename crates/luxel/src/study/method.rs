@@ -1,11 +1,11 @@
 //! Methods by name: the rows of the tables.
 //!
-//! In: `nerf-grid`, a radiance field, with `-linear` for the loss of linear radiance; `sh0` to
-//! `sh5`; `logsh3`; `lcd` with parts behind it in any order: `-exp` or `-relu` for the
-//! activation (softplus without), `-lN` for the degree to which luminance varies with the view (0
-//! without), `-cN` for the degree of chromaticity (3 without). Out: the method, which has one
-//! name ([`StudyMethod::name`]), and options of training. A name determines the whole method: `lcd`
-//! is the paper's whatever the defaults of training are.
+//! In: `nerf-grid`, a radiance field, with `-linear` for the loss of linear radiance; `hdr-gs`, which
+//! trains on captured images beside radiance; `sh0` to `sh5`; `logsh3`; `lcd` with parts behind it
+//! in any order: `-exp` or `-relu` for the activation (softplus without), `-lN` for the degree to
+//! which luminance varies with the view (0 without), `-cN` for the degree of chromaticity (3
+//! without). Out: the method, which has one name ([`StudyMethod::name`]), and options of training.
+//! A name determines the whole method: `lcd` is the paper's whatever the defaults of training are.
 
 use luxel_core::{Activation, ColorModel};
 use luxel_train::{FieldLoss, Method, NamedChoice, TrainConfig};
@@ -21,6 +21,8 @@ const CHROMA_DEGREE: u8 = 3;
 pub enum StudyMethod {
     /// Splats of this colour model.
     Splats(ColorModel),
+    /// Splats that are trained on radiance and captured images of the same poses.
+    Pairs(Method),
     /// A radiance field on a hash grid.
     Field {
         /// The method.
@@ -35,6 +37,7 @@ impl StudyMethod {
     pub fn name(self) -> String {
         match self {
             Self::Splats(model) => model.name(),
+            Self::Pairs(method) => method.name().to_owned(),
             Self::Field { method, loss } => match loss {
                 None => method.name().to_owned(),
                 Some(loss) => format!("{}-{}", method.name(), loss.name()),
@@ -46,6 +49,7 @@ impl StudyMethod {
     pub fn color_model(self) -> Option<ColorModel> {
         match self {
             Self::Splats(model) => Some(model),
+            Self::Pairs(method) => Some(TrainConfig { method, ..TrainConfig::default() }.color_model()),
             Self::Field { .. } => None,
         }
     }
@@ -70,6 +74,9 @@ pub fn parse_method(text: &str) -> Result<StudyMethod, String> {
     if let Some(field) = field(text) {
         return Ok(field);
     }
+    if let Some(method) = Method::from_name(text).filter(|method| method.trains_on_pairs()) {
+        return Ok(StudyMethod::Pairs(method));
+    }
     let degree = || text.strip_prefix("sh").filter(|degree| degree.len() == 1)?.parse().ok();
     let model = match degree() {
         Some(degree) => Some(ColorModel::Sh { degree }),
@@ -78,7 +85,7 @@ pub fn parse_method(text: &str) -> Result<StudyMethod, String> {
     };
     model.filter(|model| model.is_valid()).map(StudyMethod::Splats).ok_or_else(|| {
         format!(
-            "unknown method \"{text}\", expected table1, table2, nerf-grid, nerf-grid-linear, sh0 to sh5, logsh3, or lcd with -exp or -relu, -l0 to -l3, -c0 to -c5 after it: lcd-exp, lcd-c2-l1"
+            "unknown method \"{text}\", expected table1, table2, nerf-grid, nerf-grid-linear, hdr-gs, sh0 to sh5, logsh3, or lcd with -exp or -relu, -l0 to -l3, -c0 to -c5 after it: lcd-exp, lcd-c2-l1"
         )
     })
 }
@@ -122,6 +129,10 @@ fn lcd(text: &str) -> Option<ColorModel> {
 pub(super) fn with_method(options: &TrainConfig, method: StudyMethod) -> TrainConfig {
     let model = match method {
         StudyMethod::Splats(model) => model,
+        StudyMethod::Pairs(method) => {
+            let (activation, chroma_degree, luminance_degree, field_loss) = (None, None, None, None);
+            return TrainConfig { method, activation, chroma_degree, luminance_degree, field_loss, ..options.clone() };
+        }
         StudyMethod::Field { method, loss } => {
             return TrainConfig {
                 method,
@@ -149,6 +160,7 @@ pub(super) fn with_method(options: &TrainConfig, method: StudyMethod) -> TrainCo
 pub(super) fn description(method: StudyMethod) -> String {
     let model = match method {
         StudyMethod::Splats(model) => model,
+        StudyMethod::Pairs(_) => return "HDR-GS".into(),
         StudyMethod::Field { loss: Some(FieldLoss::Linear), .. } => return "NeRF, hash grid, loss of radiance".into(),
         StudyMethod::Field { .. } => return "NeRF, hash grid".into(),
     };
@@ -207,6 +219,15 @@ mod tests {
             assert_eq!(config.color_model(), expected, "{name}");
             config.validate().unwrap();
         }
+    }
+
+    #[test]
+    fn methods_of_pairs_are_methods_too() {
+        let method = parse_method("hdr-gs").unwrap();
+        assert_eq!((method, method.name().as_str()), (StudyMethod::Pairs(Method::HdrGs), "hdr-gs"));
+        let config = with_method(&TrainConfig { luminance_degree: Some(1), ..TrainConfig::default() }, method);
+        assert_eq!((config.method, config.luminance_degree), (Method::HdrGs, None));
+        config.validate().unwrap();
     }
 
     #[test]
