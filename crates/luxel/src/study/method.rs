@@ -1,11 +1,12 @@
 //! Methods by name: the rows of the tables.
 //!
-//! In: `nerf-grid`, a radiance field, with `-linear` for the loss of linear radiance; `hdr-gs`, which
-//! trains on captured images beside radiance; `sh0` to `sh5`; `logsh3`; `lcd` with parts behind it
-//! in any order: `-exp` or `-relu` for the activation (softplus without), `-lN` for the degree to
-//! which luminance varies with the view (0 without), `-cN` for the degree of chromaticity (3
-//! without). Out: the method, which has one name ([`StudyMethod::name`]), and options of training.
-//! A name determines the whole method: `lcd` is the paper's whatever the defaults of training are.
+//! In: `nerf-grid`, a radiance field, with `-linear` for the loss of linear radiance; `hdr-gs`,
+//! which trains on captured images beside radiance; `sh0` to `sh5`; `logsh3`; `lcd` with parts
+//! behind it in any order: `-exp` or `-relu` for the activation (softplus without), `-lN` for the
+//! degree to which luminance varies with the view (0 without), `-cN` for the degree of
+//! chromaticity (3 without). Out: the method, which has one name ([`StudyMethod::name`]), and
+//! options of training. A name determines the whole method: `lcd` is the paper's whatever the
+//! defaults of training are.
 
 use luxel_core::{Activation, ColorModel};
 use luxel_train::{FieldLoss, Method, NamedChoice, TrainConfig};
