@@ -426,7 +426,9 @@ mod tests {
         for subcommand in command.get_subcommands().filter(|subcommand| subcommand.get_name() != "help") {
             for arg in subcommand.get_arguments().filter(|arg| !arg.is_positional() && arg.get_action().takes_values()) {
                 let option = format!("--{}", arg.get_long().unwrap());
-                let found = kind(&[subcommand.get_name(), &option, "-1"]);
+                let joined = format!("{option}=-1");
+                let words = if arg.is_require_equals_set() { vec![joined.as_str()] } else { vec![option.as_str(), "-1"] };
+                let found = kind(&[&[subcommand.get_name()], &words[..]].concat());
                 assert_ne!(found, Some(ErrorKind::UnknownArgument), "{} {option} -1", subcommand.get_name());
             }
         }

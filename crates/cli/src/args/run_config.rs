@@ -79,13 +79,14 @@ mod tests {
     use crate::args::{Cli, Command};
 
     /// Options of `train` that are not part of a configuration; tests of the program cover each.
-    const BEHAVIOUR: [&str; 12] = [
+    const BEHAVIOUR: [&str; 13] = [
         "dataset",
         "output",
         "config",
         "overwrite",
         "resume",
         "stop_at_end_of_input",
+        "requeue_code",
         "distributed",
         "profile",
         "log_format",
