@@ -60,10 +60,10 @@ pub fn assert_is_oracles(image: &Image, splats: &Splats, camera: &Camera, option
 
 fn models() -> Vec<ColorModel> {
     let mut models: Vec<_> = (0..=5).map(|degree| ColorModel::Sh { degree }).collect();
-    models.extend([0, 3].map(|degree| ColorModel::LogSh { degree }));
     for activation in [Activation::Softplus, Activation::Exp, Activation::Relu] {
         models.extend((0..=5).map(|chroma_degree| ColorModel::Lcd { chroma_degree, luminance_degree: chroma_degree % 4, activation }));
     }
+    models.extend([0, 3].map(|degree| ColorModel::LogSh { degree }));
     models
 }
 
