@@ -36,7 +36,7 @@ fn a_field_is_trained_evaluated_and_rendered_like_splats() {
         .filter(|entry| entry.as_ref().unwrap().path().extension().is_some_and(|extension| extension == "exr"));
     assert!(images.count() > 0);
     let told = place.ok(&["info", "run"]);
-    assert!(told.contains("nerf-grid") && told.contains("grid_levels"), "{told}");
+    assert!(told.contains("nerf-grid") && told.contains("grid levels"), "{told}");
     assert!(place.ok(&["info", "run/field/iteration_30/field.safetensors"]).contains("radiance field"));
 }
 

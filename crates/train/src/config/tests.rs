@@ -124,9 +124,10 @@ fn every_option_changes_the_configuration() {
     let default = serde_json::to_value(TrainConfig::default()).unwrap();
     for flag in flags {
         let config = parse(flag).unwrap();
-        // Options of poses are refused without poses to optimise.
+        // Options of poses are refused without poses to optimise, those of fields without one.
         let has_choice = ["--refine-focal", "--pose-lr", "--pose-from", "--pose-until"].contains(&flag[0]);
-        TrainConfig { refine_poses: has_choice || config.refine_poses, ..config.clone() }.validate().unwrap();
+        let method = if flag[0] == "--field-loss" { Method::NerfGrid } else { config.method };
+        TrainConfig { refine_poses: has_choice || config.refine_poses, method, ..config.clone() }.validate().unwrap();
         let changed = serde_json::to_value(&config).unwrap();
         let field = flag[0].trim_start_matches('-').replace('-', "_");
         for (name, value) in changed.as_object().unwrap() {
