@@ -217,12 +217,15 @@ impl ColorModel {
         match self.single() {
             Some(light) => light.radiance(basis, sh, raw_luminance),
             None => {
+                // A closure would not be inlined.
                 let zero = basis.direction[0].lift(0.0);
-                self.components().fold([zero; 3], |sum, component| {
+                let mut sum = [zero; 3];
+                for component in self.components() {
                     let radiance = component.radiance(basis, &sh, &raw_luminance);
                     let gain = component.gain(&raw_luminance).unwrap_or(zero.lift(1.0));
-                    each!([0, 1, 2] i => { let c = radiance[i]; gain.mul_add(c, sum[i]) })
-                })
+                    sum = each!([0, 1, 2] i => { let c = radiance[i]; gain.mul_add(c, sum[i]) });
+                }
+                sum
             }
         }
     }

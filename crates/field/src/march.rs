@@ -37,8 +37,8 @@ impl March {
     pub(crate) fn new(ray: Ray, near: f32, shift: f32) -> Self {
         let inverse = ray.direction.map(|d| if d.abs() > 1e-9 { d.recip() } else { 1e9f32.copysign(d) });
         let (mut at, mut end) = (near, f32::INFINITY);
-        for axis in 0..3 {
-            let (a, b) = (-ray.origin[axis] * inverse[axis], (1.0 - ray.origin[axis]) * inverse[axis]);
+        for (origin, inverse) in ray.origin.into_iter().zip(inverse) {
+            let (a, b) = (-origin * inverse, (1.0 - origin) * inverse);
             at = at.max(a.min(b));
             end = end.min(a.max(b));
         }

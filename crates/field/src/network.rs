@@ -178,10 +178,10 @@ impl Layer<'_> {
         let blocks = x.chunks_exact(self.inputs).zip(by_y.chunks_exact(self.outputs)).zip(by_x.chunks_exact_mut(self.inputs));
         for ((x, by_y), by_x) in blocks {
             let mut sums = [zero; T];
-            for j in 0..self.outputs {
-                let by = by_y[j].load(simd);
-                for i in 0..T {
-                    sums[i] = by.mul_add(f32x16::splat(simd, self.weights[(first + i) * self.outputs + j]), sums[i]);
+            for (j, by) in by_y.iter().enumerate() {
+                let by = by.load(simd);
+                for (i, sum) in sums.iter_mut().enumerate() {
+                    *sum = by.mul_add(f32x16::splat(simd, self.weights[(first + i) * self.outputs + j]), *sum);
                 }
             }
             for i in 0..T {
@@ -216,7 +216,7 @@ impl Layer<'_> {
         for (j, bias) in biases.iter_mut().enumerate() {
             let mut total = f32x16::splat(simd, 0.0);
             for by_y in by_y.chunks_exact(self.outputs) {
-                total = total + by_y[j].load(simd);
+                total += by_y[j].load(simd);
             }
             *bias += sum(total);
         }

@@ -80,8 +80,8 @@ impl Samples {
             // What fills the last block lies in the cube.
             self.positions.extend([Lanes::ZERO; 3]);
         }
-        for axis in 0..3 {
-            self.positions[3 * block + axis].0[lane] = position[axis];
+        for (axis, coordinate) in position.into_iter().enumerate() {
+            self.positions[3 * block + axis].0[lane] = coordinate;
         }
         self.middles.push(middle);
         self.lengths.push(length);

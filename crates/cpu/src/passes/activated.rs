@@ -234,20 +234,27 @@ pub(crate) fn project_activated_backward<S: Simd>(
         compensation_backward(&p, d_opacity * p.opacity * p.compensation, &mut d_covariance);
     }
     let ShapeGradient { d_sigma, d_rotation, d_jacobian } = shape_backward(&p, d_covariance);
-    let covariance = (wanted.shape == ShapeParameters::Covariance).then(|| {
-        let by_world = world_covariance_backward(&p, d_covariance);
-        each!([0, 1, 2, 3, 4, 5] i => { let v = by_world[i]; V::select(mask, finite(v), zero) })
-    });
+    // Closures would not be inlined.
+    let covariance = match wanted.shape {
+        ShapeParameters::Covariance => {
+            let by_world = world_covariance_backward(&p, d_covariance);
+            Some(each!([0, 1, 2, 3, 4, 5] i => { let v = by_world[i]; V::select(mask, finite(v), zero) }))
+        }
+        _ => None,
+    };
     let mut d_point = point_backward(simd, camera, &p, d_jacobian, d_mean).d_point;
     d_point[2] = d_point[2] + load(&gradient.depth);
     let d_position = each!([0, 1, 2] i => {
         let column = each!([0, 1, 2] row => c(camera.rotation[row][i]));
         dot(column, d_point)
     });
-    let camera = (wanted.cameras == CameraMatrices::Differentiate).then(|| {
-        let by_map = camera_backward(simd, camera, rows, &p, d_point, d_jacobian);
-        each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11] i => { let v = by_map[i / 4][i % 4]; V::select(mask, finite(v), zero) })
-    });
+    let camera = match wanted.cameras {
+        CameraMatrices::Differentiate => {
+            let by_map = camera_backward(simd, camera, rows, &p, d_point, d_jacobian);
+            Some(each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11] i => { let v = by_map[i / 4][i % 4]; V::select(mask, finite(v), zero) }))
+        }
+        _ => None,
+    };
     let [d0, d1, d2] = d_position;
     let [s0, s1, s2] = d_sigma;
     let [w, x, y, z] = d_rotation;
@@ -292,9 +299,11 @@ fn world_covariance_backward<S: Simd>(p: &Projection<S>, [d_xx, d_xy, d_yy]: [V<
     let half = d_xy * 0.5;
     // G J.
     let gj = [each!([0, 1, 2] k => d_xx * first[k] + half * second[k]), each!([0, 1, 2] k => half * first[k] + d_yy * second[k])];
-    let entry = |j: usize, k: usize| first[j] * gj[0][k] + second[j] * gj[1][k];
-    let twice = |v: V<S>| v + v;
-    [entry(0, 0), twice(entry(0, 1)), twice(entry(0, 2)), entry(1, 1), twice(entry(1, 2)), entry(2, 2)]
+    // Entries (0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2); a closure would not be inlined.
+    let diagonal = each!([0, 1, 2] k => first[k] * gj[0][k] + second[k] * gj[1][k]);
+    let off_diagonal = each!([0, 1, 2] k => { let (r, c) = (k / 2, 1 + (k + 1) / 2); first[r] * gj[0][c] + second[r] * gj[1][c] });
+    let [xy, xz, yz] = each!([0, 1, 2] k => off_diagonal[k] + off_diagonal[k]);
+    [diagonal[0], xy, xz, diagonal[1], yz, diagonal[2]]
 }
 
 /// Returns the gradient by the covariance from that by its inverse C: -C G C. Off-diagonal numbers

@@ -77,8 +77,8 @@ impl Ray {
         let mut color = background.map(|b| f64::from(b) * transmittance);
         let mut distortion = 0.0;
         for (i, w) in weights.iter().enumerate() {
-            for c in 0..3 {
-                color[c] += w * self.colors[i][c];
+            for (sum, color) in color.iter_mut().zip(self.colors[i]) {
+                *sum += w * color;
             }
             distortion += w * w * self.length[i] / 3.0;
             distortion += weights.iter().zip(&self.middle).map(|(v, m)| w * v * (self.middle[i] - m).abs()).sum::<f64>();
