@@ -301,7 +301,7 @@ fn world_covariance_backward<S: Simd>(p: &Projection<S>, [d_xx, d_xy, d_yy]: [V<
     let gj = [each!([0, 1, 2] k => d_xx * first[k] + half * second[k]), each!([0, 1, 2] k => half * first[k] + d_yy * second[k])];
     // Entries (0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2); a closure would not be inlined.
     let diagonal = each!([0, 1, 2] k => first[k] * gj[0][k] + second[k] * gj[1][k]);
-    let off_diagonal = each!([0, 1, 2] k => { let (r, c) = (k / 2, 1 + (k + 1) / 2); first[r] * gj[0][c] + second[r] * gj[1][c] });
+    let off_diagonal = each!([0, 1, 2] k => { let (r, c) = (k / 2, 1 + k.div_ceil(2)); first[r] * gj[0][c] + second[r] * gj[1][c] });
     let [xy, xz, yz] = each!([0, 1, 2] k => off_diagonal[k] + off_diagonal[k]);
     [diagonal[0], xy, xz, diagonal[1], yz, diagonal[2]]
 }

@@ -25,8 +25,11 @@ const OURS: [(&str, &str); 7] = [
     ("frames_per_second", "fps"),
 ];
 
+/// A column of the paper: its head, decimals, and number.
+type TheirColumn = (&'static str, usize, fn(&PaperRow) -> f64);
+
 /// Columns of the paper.
-const THEIRS: [(&str, usize, fn(&PaperRow) -> f64); 6] = [
+const THEIRS: [TheirColumn; 6] = [
     ("min", 0, |row| row.minutes),
     ("MB", 0, |row| row.memory_mb),
     ("PSNR", 2, |row| row.psnr),
