@@ -59,12 +59,17 @@ def test_ctrl_c_interrupts_training(dataset: luxel.Dataset) -> None:
         time.sleep(0.3)
         os.kill(os.getpid(), signal.SIGINT)
 
+    # A job in the background of a shell ignores the signal.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     thread = threading.Thread(target=interrupt)
     thread.start()
     start = time.monotonic()
-    with pytest.raises(KeyboardInterrupt):
-        luxel.train(dataset, steps=1_000_000, device="cpu", init_points=200)
-    thread.join()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            luxel.train(dataset, steps=1_000_000, device="cpu", init_points=200)
+    finally:
+        thread.join()
+        signal.signal(signal.SIGINT, before)
     assert time.monotonic() - start < 20
 
 
