@@ -9,6 +9,18 @@ fn mix(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
+/// Returns 64 random bits that depend on `(seed, index)` alone.
+#[inline]
+pub fn bits(seed: u64, index: u64) -> u64 {
+    mix(seed ^ mix(index))
+}
+
+/// Returns a uniform number in [0, 1) that depends on `(seed, index)` alone.
+#[inline]
+pub fn uniform(seed: u64, index: u64) -> f32 {
+    (bits(seed, index) >> 40) as f32 / 16_777_216.0
+}
+
 /// Returns a well-mixed 32-bit hash (finaliser of MurmurHash3, Appleby 2011).
 #[inline]
 fn mix_32(mut h: u32) -> u32 {
@@ -27,7 +39,7 @@ pub fn uniform_32(seed: u32, index: u32) -> f32 {
 /// Returns three standard normal numbers that depend on `(seed, index)` alone (Box and Muller
 /// 1958).
 pub fn standard_normal(seed: u64, index: u64) -> [f32; 3] {
-    let h = mix(seed ^ mix(index));
+    let h = bits(seed, index);
     let g = mix(h);
     // 24 bits each: uniform in (0, 1].
     let unit = |bits: u64| ((bits & 0xff_ffff) as f32 + 1.0) / 16_777_216.0;
@@ -103,5 +115,16 @@ mod tests {
                 assert!((covariance - expected).abs() < 0.02, "covariance {a} {b}: {covariance}");
             }
         }
+    }
+
+    #[test]
+    fn numbers_are_uniform_and_differ_by_seed() {
+        let mut tenths = [0u32; 10];
+        for index in 0..100_000 {
+            tenths[(uniform(7, index) * 10.0) as usize] += 1;
+        }
+        assert!(tenths.iter().all(|count| (9_600..10_400).contains(count)), "{tenths:?}");
+        let both = (0..100_000).filter(|i| uniform(7, *i) < 0.1 && uniform(8, *i) < 0.1).count();
+        assert!((900..1_100).contains(&both), "{both}");
     }
 }

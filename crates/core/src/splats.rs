@@ -107,6 +107,21 @@ impl Splats {
         self.raw_luminance.extend_from_slice(splat.raw_luminance);
     }
 
+    /// Appends all splats of another scene.
+    ///
+    /// # Panics
+    /// If the colour models differ.
+    pub fn append(&mut self, from: Self) {
+        assert_eq!(self.color_model, from.color_model);
+        self.position.extend(from.position);
+        self.rotation.extend(from.rotation);
+        self.log_scale.extend(from.log_scale);
+        self.opacity_logit.extend(from.opacity_logit);
+        self.sh.extend(from.sh);
+        self.raw_luminance.extend(from.raw_luminance);
+        self.smoothing.extend(from.smoothing);
+    }
+
     /// Returns the splats at the indices of `order`, in its order.
     ///
     /// # Panics

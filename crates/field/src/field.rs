@@ -9,8 +9,8 @@ use crate::error::FieldError;
 use crate::grid::{Grid, GridShape};
 use crate::networks::{Networks, Parameters, Room, position_blocks};
 use crate::occupancy::Occupancy;
-use crate::random;
 use crate::space::Space;
+use luxel_core::random;
 
 /// Bound of the features at the start.
 const INITIAL_FEATURE: f32 = 1e-4;

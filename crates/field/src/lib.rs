@@ -15,7 +15,6 @@ mod network;
 mod networks;
 mod occupancy;
 mod options;
-mod random;
 mod render;
 mod sampling;
 mod space;

@@ -9,7 +9,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
 
 use crate::lanes::{Lanes, resize, sum};
-use crate::random;
+use luxel_core::random;
 
 /// The sizes of a network's layers, inputs first.
 #[derive(Clone, Debug, PartialEq)]

@@ -8,8 +8,8 @@ use glam::DVec3;
 use luxel_core::Camera;
 use rayon::prelude::*;
 
-use crate::random;
 use crate::space::{MIN_LENGTH, Space};
+use luxel_core::random;
 
 /// Cells a side.
 pub(crate) const SIDE: usize = 64;

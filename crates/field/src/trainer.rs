@@ -22,10 +22,10 @@ use crate::error::FieldError;
 use crate::field::{Field, FieldArrays, FieldShape};
 use crate::loss::PixelLoss;
 use crate::options::FieldConfig;
-use crate::random;
 use crate::sampling::TrainingRay;
 use crate::task::{StepContext, Task};
 use crate::threads::start_threads;
+use luxel_core::random;
 
 /// Samples that a step aims at.
 const SAMPLES_PER_STEP: usize = 1 << 16;

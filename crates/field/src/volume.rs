@@ -74,7 +74,7 @@ impl Composited<'_> {
                 by_weight += by_color[c] * (colors[c] - background[c]);
                 by_colors[i * channels + c] = w * by_color[c];
             }
-            // Gradient by w_i for now.
+            // The gradient by w_i, of which the next loop makes that by the density.
             by_density[i] = by_weight;
         }
         // A denser interval takes light from all behind it.

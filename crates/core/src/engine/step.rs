@@ -26,6 +26,20 @@ pub struct LearningRates {
     pub luminance_rest: f32,
 }
 
+impl LearningRates {
+    /// All rates 0: a step that changes nothing, for its gradients.
+    pub const ZERO: Self = Self {
+        position: 0.0,
+        rotation: 0.0,
+        log_scale: 0.0,
+        opacity_logit: 0.0,
+        sh_dc: 0.0,
+        sh_rest: 0.0,
+        luminance_dc: 0.0,
+        luminance_rest: 0.0,
+    };
+}
+
 /// Adam's beta_1.
 pub const ADAM_BETA1: f32 = 0.9;
 /// Adam's beta_2.

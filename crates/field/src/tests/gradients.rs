@@ -10,12 +10,12 @@ use crate::lanes::{LANES, Lanes};
 use crate::network::{Activations, Network};
 use crate::networks::{Networks, position_blocks};
 use crate::occupancy::Occupancy;
-use crate::random;
 use crate::sampling::TrainingRay;
 use crate::space::Ray;
 use crate::task::{StepContext, Task};
 use crate::volume::{Composited, Intervals, composite};
 use crate::{FieldConfig, FieldShape, GridShape, PixelLoss, Space};
+use luxel_core::random;
 
 /// Dense and hashed levels, small enough for an oracle.
 const SMALL: GridShape = GridShape { levels: 4, log2_entries: 10, coarsest: 4, finest: 64 };

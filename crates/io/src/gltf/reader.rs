@@ -361,14 +361,7 @@ fn join(scenes: Vec<Scene>) -> Result<Scene, String> {
         if !is_alike {
             return Err("several primitives of splats with different colour models, which is not supported; export them apart".into());
         }
-        let Splats { position, rotation, log_scale, opacity_logit, sh, raw_luminance, smoothing, .. } = scene.splats;
-        all.splats.position.extend(position);
-        all.splats.rotation.extend(rotation);
-        all.splats.log_scale.extend(log_scale);
-        all.splats.opacity_logit.extend(opacity_logit);
-        all.splats.sh.extend(sh);
-        all.splats.raw_luminance.extend(raw_luminance);
-        all.splats.smoothing.extend(smoothing);
+        all.splats.append(scene.splats);
     }
     Ok(all)
 }

@@ -11,7 +11,7 @@
 use std::path::Path;
 
 use luxel_core::edit::{MaskShares, ShMap};
-use luxel_core::{Edit, Map, Remedy, Scene, Selection, Splats};
+use luxel_core::{Edit, Map, Remedy, Scene, Selection};
 use luxel_io::Block;
 
 use super::gauge::{self, Gains};
@@ -78,7 +78,7 @@ pub fn merge(folder: &Path, observer: &dyn Observer) -> Result<MergedScene> {
         parts.push(BlockPart { name: name.clone(), splats: scene.splats.len(), kept: kept.len(), gain_ev });
         match &mut merged {
             None => merged = Some(part),
-            Some(whole) => append(&mut whole.splats, part.splats),
+            Some(whole) => whole.splats.append(part.splats),
         }
     }
     let Some(mut scene) = merged else { bail!("{}: lists no block", folder.display()) };
@@ -157,15 +157,4 @@ fn brighten(scene: &mut Scene, shift: &[f64; 3], name: &str, observer: &dyn Obse
     let edit = Edit { selection: Selection::All, maps: vec![Map::Gain((-mean).exp2() as f32)] };
     edit.apply(scene, &MaskShares::default(), ShMap::Luminance).map_err(|error| Error::new(format!("{name}: {error}")))?;
     Ok(-mean)
-}
-
-/// Appends splats of the same colour model.
-fn append(to: &mut Splats, from: Splats) {
-    to.position.extend(from.position);
-    to.rotation.extend(from.rotation);
-    to.log_scale.extend(from.log_scale);
-    to.opacity_logit.extend(from.opacity_logit);
-    to.sh.extend(from.sh);
-    to.raw_luminance.extend(from.raw_luminance);
-    to.smoothing.extend(from.smoothing);
 }

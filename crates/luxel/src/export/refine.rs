@@ -136,14 +136,11 @@ pub(super) fn refine(
             render,
             loss: LossWeights::default(),
             learning_rates: LearningRates {
-                position: 0.0,
-                rotation: 0.0,
                 log_scale: SCALE_RATE * decay,
                 opacity_logit: OPACITY_RATE * decay,
                 sh_dc: dc_rate * decay,
                 sh_rest: REST * dc_rate * decay,
-                luminance_dc: 0.0,
-                luminance_rest: 0.0,
+                ..LearningRates::ZERO
             },
             betas: AdamBetas::default(),
             position_noise: None,

@@ -2,19 +2,20 @@
 //! checkpoints and evaluations, in the order and at the steps of any run ([`crate::run::Session`]).
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use luxel_core::{Dataset, RenderOptions, Scene};
 use luxel_field::{FieldEngine, FieldTrainer};
-use luxel_io::IoErrorKind;
 use luxel_metrics::{FieldOptions, FlipChoice, GainFit};
 
 use super::files::{self, TrainingRecord};
 use crate::error::{Context, bail};
+use crate::run::checkpoints::save_checkpoint;
 use crate::run::clock::Clock;
 use crate::run::evaluation::{Metrics, Rendering};
 use crate::run::log::{LOG_EVERY, LogRecord, RunLog};
 use crate::run::test_curve::TestCurve;
-use crate::run::{Launch, Outcome, RunConfig, RunFolder, report, state};
+use crate::run::{Launch, Outcome, RunConfig, RunFolder, report};
 use crate::{Error, Event, Result, build_info, files as text_files, memory, schema, text};
 
 /// A run of a field in progress.
@@ -94,8 +95,7 @@ impl FieldSession<'_> {
             state.loss += f64::from(step.loss);
             let iteration = self.iteration();
             self.launch.observer.event(Event::Step { done: iteration });
-            let every = self.config.run.checkpoint_every;
-            let save = self.trainer.is_finished() || (every > 0 && iteration.is_multiple_of(every));
+            let save = self.config.run.saves_after(iteration, self.trainer.is_finished());
             let evaluate = self.evaluation_is_due();
             if save || evaluate || iteration.is_multiple_of(LOG_EVERY) {
                 self.check_folder()?;
@@ -112,12 +112,7 @@ impl FieldSession<'_> {
     }
 
     fn evaluation_is_due(&self) -> bool {
-        let (run, iteration) = (&self.config.run, self.iteration());
-        self.trainer.is_finished()
-            || match run.eval_every {
-                Some(every) => iteration > 0 && iteration.is_multiple_of(every),
-                None => run.eval_at.contains(&iteration),
-            }
+        self.config.run.measures_after(self.iteration(), self.trainer.is_finished())
     }
 
     /// Ends a run whose folder another program removed or took apart meanwhile.
@@ -204,8 +199,7 @@ impl FieldSession<'_> {
         }
     }
 
-    /// Writes a checkpoint, after the log's lines up to it. If the disk is full, older ones are
-    /// removed, but never the newest.
+    /// Writes a checkpoint, after the log's lines up to it.
     fn save(&mut self, state: &mut LoopState) -> Result<()> {
         if let Err(error) = state.log.sync() {
             self.launch.observer.warn(&format!("{error:#}"));
@@ -214,28 +208,14 @@ impl FieldSession<'_> {
         if !folder.is_dir() {
             bail!("{}: the folder was removed while the run was at work; it ends at step {iteration}", folder.display());
         }
-        let path = luxel_io::checkpoint_path(folder, iteration.into());
-        let keep = self.config.run.keep_checkpoints as usize;
         let training = TrainingRecord {
             config: self.config.train.clone(),
             fingerprint: self.dataset.fingerprint.clone(),
             state: *self.trainer.state(),
         };
         let snapshot = self.trainer.snapshot();
-        let write = || files::write(&path, &self.place, &snapshot, Some(training.clone()));
-        let mut written = write();
-        let lacks_room = written.as_ref().is_err_and(|error| error.kind == IoErrorKind::NoRoom);
-        if lacks_room && keep > 1 && luxel_io::prune_checkpoints(folder, 1).is_ok() {
-            written = write();
-        }
-        if let Err(error) = written {
-            let kept = match state::newest_checkpoint(self.launch.folder) {
-                Some(path) => format!("the last good checkpoint is {}", path.display()),
-                None => "there is no earlier checkpoint".into(),
-            };
-            return Err(Error::from(error).context(format!("cannot save the state of step {iteration}; {kept}")));
-        }
-        luxel_io::prune_checkpoints(folder, keep)?;
+        let write = |path: &Path| files::write(path, &self.place, &snapshot, Some(training.clone()));
+        let path = save_checkpoint(self.launch.folder, &self.config.run, iteration, write)?;
         self.launch.observer.event(Event::Saved { path });
         Ok(())
     }

@@ -33,6 +33,7 @@
 
 mod cameras;
 mod captures;
+pub(crate) mod checkpoints;
 pub(crate) mod clock;
 mod config;
 mod evaluate;

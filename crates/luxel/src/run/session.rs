@@ -9,17 +9,19 @@
 mod measure;
 mod taken_apart;
 
+use std::path::Path;
+
 use luxel_core::{Dataset, StepReport};
-use luxel_io::IoErrorKind;
 use luxel_train::Trainer;
 
+use super::checkpoints::save_checkpoint;
 use super::clock::Clock;
 use super::folder::LockIdentity;
 use super::log::{LOG_EVERY, LogRecord, RunLog};
 use super::test_curve::TestCurve;
 use super::{LiveRun, RunConfig, RunFolder, state};
 use crate::error::Context;
-use crate::{Error, Event, Observer, Result, StopFlag, Wish, memory, text};
+use crate::{Event, Observer, Result, StopFlag, Wish, memory, text};
 
 /// Exit code of the program when an interruption ended it: 128 + SIGINT.
 pub const EXIT_INTERRUPTED: u8 = 130;
@@ -174,17 +176,11 @@ impl Session<'_> {
     }
 
     fn checkpoint_is_due(&self) -> bool {
-        let every = self.config.run.checkpoint_every;
-        self.trainer.is_finished() || (every > 0 && self.trainer.iteration().is_multiple_of(every))
+        self.config.run.saves_after(self.trainer.iteration(), self.trainer.is_finished())
     }
 
     fn evaluation_is_due(&self) -> bool {
-        let (run, iteration) = (&self.config.run, self.trainer.iteration());
-        self.trainer.is_finished()
-            || match run.eval_every {
-                Some(every) => iteration > 0 && iteration.is_multiple_of(every),
-                None => run.eval_at.contains(&iteration),
-            }
+        self.config.run.measures_after(self.trainer.iteration(), self.trainer.is_finished())
     }
 
     /// Writes a line of the log and reports it. A log that cannot be written costs a warning, not
@@ -246,29 +242,9 @@ impl Session<'_> {
         let synced = state.log.sync();
         self.report_log(synced, state);
         let iteration = self.trainer.iteration();
-        let folder = self.folder.root();
         let snapshot = self.trainer.snapshot()?;
-        let path = luxel_io::checkpoint_path(folder, iteration.into());
-        let keep = self.config.run.keep_checkpoints as usize;
-        let mut written = luxel_io::write_checkpoint(&path, &snapshot);
-        let lacks_room = written.as_ref().is_err_and(|error| error.kind == IoErrorKind::NoRoom);
-        // Where those cannot be deleted either, the first error has the reason.
-        if lacks_room && keep > 1 && luxel_io::prune_checkpoints(folder, 1).is_ok() {
-            written = luxel_io::write_checkpoint(&path, &snapshot);
-        }
-        if let Err(error) = written {
-            let newest = state::newest_checkpoint(self.folder);
-            let kept = match newest {
-                Some(path) => format!("the last good checkpoint is {}", path.display()),
-                None => "there is no earlier checkpoint".into(),
-            };
-            let kept = match lacks_room && keep == 1 {
-                true => format!("{kept}; it is deleted only when the next is whole, so there must be room for two"),
-                false => kept,
-            };
-            return Err(Error::from(error).context(format!("cannot save the state of step {iteration}; {kept}")));
-        }
-        luxel_io::prune_checkpoints(folder, keep)?;
+        let write = |path: &Path| luxel_io::write_checkpoint(path, &snapshot);
+        let path = save_checkpoint(self.folder, &self.config.run, iteration, write)?;
         self.restore_log(state);
         self.observer.event(Event::Saved { path });
         Ok(())

@@ -121,6 +121,7 @@ choices! {
         /// Each image by its own maximum, as HDR-GS was published: renders have no unit
         Own: "self",
     }
+
     /// Values of a pixel whose squared difference a radiance field minimises.
     pub enum FieldLoss = Mulaw {
         /// Radiance in normalised units: lamps outweigh everything else

@@ -145,21 +145,11 @@ mod tests {
         // Where a splat is cut off, its image is not continuous.
         let cutoffs = Cutoffs { min_alpha: 1e-5, alpha_floor: 1e-5, min_transmittance: 1e-6, ..Cutoffs::PARITY };
         let raster = RasterConfig { cutoffs, antialias: Antialias::Pixel, samples: 1 };
-        let learning_rates = LearningRates {
-            position: 0.0,
-            rotation: 0.0,
-            log_scale: 0.0,
-            opacity_logit: 0.0,
-            sh_dc: 0.0,
-            sh_rest: 0.0,
-            luminance_dc: 0.0,
-            luminance_rest: 0.0,
-        };
         StepConfig {
             step: 1,
             render: RenderOptions { raster, background: [0.0; 3], active_degree: 1 },
             loss: LossWeights { squared_share: 0.5, ..LossWeights::default() },
-            learning_rates,
+            learning_rates: LearningRates::ZERO,
             betas: AdamBetas::default(),
             position_noise: None,
             dropout: None,

@@ -97,21 +97,11 @@ pub fn align_camera(engine: &mut dyn Engine, view: &View, scene: &AlignmentScene
 
 /// Returns the step whose gradient is asked for; nothing is updated.
 fn step(scene: &AlignmentScene) -> StepConfig {
-    let none = LearningRates {
-        position: 0.0,
-        rotation: 0.0,
-        log_scale: 0.0,
-        opacity_logit: 0.0,
-        sh_dc: 0.0,
-        sh_rest: 0.0,
-        luminance_dc: 0.0,
-        luminance_rest: 0.0,
-    };
     StepConfig {
         step: 1,
         render: scene.render,
         loss: scene.loss,
-        learning_rates: none,
+        learning_rates: LearningRates::ZERO,
         betas: AdamBetas::default(),
         position_noise: None,
         dropout: None,
