@@ -53,6 +53,41 @@ fn a_path_is_rendered_and_written_as_cameras() {
 }
 
 #[test]
+fn cameras_go_to_openusd_and_come_back() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    let render = |args: &[&str]| place.ok(&[&["render", "run", "--exr-type", "float"][..], args].concat());
+    let assert_equal = |first: &str, second: &str| {
+        let (first, second) = (image(&place, first), image(&place, second));
+        let light: f32 = first.pixels.iter().flatten().sum();
+        let difference: f32 = first.pixels.iter().flatten().zip(second.pixels.iter().flatten()).map(|(a, b)| (a - b).abs()).sum();
+        assert!(light > 0.0 && difference < 1e-3 * light, "{difference} of {light}");
+    };
+    render(&["--path", "orbit", "--frames", "3", "--write-cameras", "orbit.usda", "-o", "orbit"]);
+    render(&["--cameras", "orbit.usda", "-o", "again"]);
+    for i in 0..3 {
+        assert_equal(&format!("orbit/frame_0000{i}.exr"), &format!("again/shot.000{i}.exr"));
+    }
+    // The data set's cameras, a prim each; one of them by its name; all of them as JSON.
+    render(&["--split", "all", "--write-cameras", "views.usda", "-o", "views"]);
+    let layer = std::fs::read_to_string(place.path("views.usda")).unwrap();
+    let first = layer.split("def Camera \"").nth(1).and_then(|rest| rest.split('"').next()).unwrap().to_owned();
+    let told = notes(&place, &["render", "run", "--cameras", "views.usda", "--camera", &first, "--write-cameras", "one.json", "-o", "one"]);
+    assert!(told.contains("views.usda: 1 camera") && told.contains("one.json: 1 camera"), "{told}");
+    assert_eq!(luxel::read_cameras(place.path("one.json")).unwrap().len(), 1);
+    let again = ["render", "run", "--split", "train", "--write-cameras", "views.usda", "-o", "train"];
+    place.error(&again, &["views.usda", "exists already", "--overwrite"]);
+    place.error(&["render", "run", "--cameras", "views.usda", "--camera", "nobody", "-o", "x"], &["no camera \"nobody\"", &first]);
+    place.error(&["render", "run", "--cameras", "one.json", "--camera", "a", "-o", "x"], &["one of an OpenUSD file"]);
+    place.error(&["render", "run", "--write-cameras", "cameras.usdz", "-o", "x"], &[".json", ".usda"]);
+    // Centimetres of a layer are a hundredth of the scene's unknown unit, taken for a metre.
+    std::fs::write(place.path("small.usda"), layer.replace("metersPerUnit = 1", "metersPerUnit = 0.01")).unwrap();
+    let told = notes(&place, &["render", "run", "--cameras", "small.usda", "--camera", &first, "-o", "small"]);
+    assert!(told.contains("lengths times 0.010000: metersPerUnit is 0.01, the scene's 1, since it is unknown"), "{told}");
+    place.fails(2, &["render", "run", "--camera", "a", "-o", "x"]);
+}
+
+#[test]
 fn another_size_keeps_the_field_of_view_and_says_what_is_cropped() {
     let place = Workplace::new();
     place.train("run", &[]);

@@ -47,6 +47,12 @@ pub fn read_camera_path(path: &Path, default: Option<&Camera>) -> Result<Vec<Pat
 /// # Errors
 /// The same as [`read_camera_path`].
 pub fn decode_camera_path(name: &Path, bytes: &[u8], default: Option<&Camera>) -> Result<Vec<PathCamera>, IoError> {
+    if crate::usd::is_usd(bytes) {
+        return Err(IoError::unsupported(
+            name,
+            "cameras of OpenUSD, whose axes need the scene they belong to; here a .json file is expected",
+        ));
+    }
     let file = File { path: name, default };
     let bytes = bytes_without_mark(bytes);
     let root = serde_json::from_slice(bytes).map_err(|e| IoError::invalid(name, format_args!("not JSON: {e}")))?;

@@ -81,7 +81,8 @@ pub use sog::{encode_sog, sog_positions, write_sog};
 pub use spz::{SpzPositions, SpzVersion, decode_spz, encode_spz, read_spz, spz_out_of_range, spz_positions, write_spz};
 pub use tensors::{Tensors, decode_tensors, read_tensors};
 pub use usd::{
-    UsdCameras, decode_usd_cameras, decode_usda, decode_usdc, encode_usda, encode_usdc, read_usda, write_usda, write_usdc, write_usdz,
+    StageCameras, StageChoice, StageMotion, UsdCameras, decode_stage_cameras, decode_usd_cameras, decode_usda, decode_usdc, encode_usda,
+    encode_usdc, is_usd, read_usda, stage_cameras_text, write_stage_cameras, write_usda, write_usdc, write_usdz,
 };
 
 /// The example of the crate's README, compiled as a doc test.

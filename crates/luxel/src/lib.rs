@@ -83,6 +83,7 @@ mod scene;
 pub mod schema;
 pub mod sight;
 pub mod solids;
+pub mod stage;
 pub mod study;
 pub mod synthetic;
 pub mod text;

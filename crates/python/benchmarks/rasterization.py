@@ -4,7 +4,8 @@
 
 SCENE is a plain 3DGS file, CAMERA one of `luxel bench --camera`. gsplat's rasteriser needs CUDA, but its projection, its harmonics
 and its lists of tiles have versions in PyTorch, which are used here; tiles are blended by PyTorch, all pixels of a tile at
-once. Rounds alternate; medians are printed, and how far the images are apart.
+once. Rounds alternate; medians are printed, and how far the images are apart. Splats are in the order of the file, and for
+luxel.torch also in spatial order, as Luxel's own training keeps them.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 import torch
 
 import luxel
-from luxel.torch import rasterization
+from luxel.torch import rasterization, spatial_order
 
 TILE, REPETITIONS = 16, 12
 
@@ -82,13 +83,20 @@ def main(scene_path: str, camera_path: str, rounds: int) -> None:
         "opacities": 1 / (1 + np.exp(-scene.opacity_logits)), "colors": scene.sh,
     }  # fmt: skip
     t = {name: torch.from_numpy(np.ascontiguousarray(value)).requires_grad_() for name, value in values.items()}
+    order = spatial_order(t["means"])
+    ordered = {name: value.detach()[order].requires_grad_() for name, value in t.items()}
     viewmat = torch.tensor(np.float32(camera["world_to_camera"]).reshape(1, 4, 4))
     K = torch.tensor([[[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1]]], dtype=torch.float32)
     width, height = camera["width"], camera["height"]
     weights = torch.randn(height, width, 3, generator=torch.Generator().manual_seed(0))
     images = {}
     for _ in range(rounds):
-        for name, render in (("luxel.torch", of_luxel), ("PyTorch with gsplat's functions", of_gsplat)):
+        contestants = (
+            ("luxel.torch", of_luxel, t),
+            ("luxel.torch, spatial order", of_luxel, ordered),
+            ("PyTorch with gsplat's functions", of_gsplat, t),
+        )
+        for name, render, t in contestants:
             repetitions = REPETITIONS if render is of_luxel else 1
             wall, cpu = [], []
             for n in range(repetitions + (2 if render is of_luxel else 0)):
@@ -102,7 +110,7 @@ def main(scene_path: str, camera_path: str, rounds: int) -> None:
                     cpu.append(time.process_time() - start[1])
             images[name] = image.detach()
             print(f"{name}: {1e3 * np.median(wall):.1f} ms, {1e3 * np.median(cpu):.1f} ms of processor time", flush=True)
-    one, other = images.values()
+    one, _, other = images.values()
     print(f"largest difference of the images: {(one - other).abs().max():.1e} of {one.max():.2f}; mean {(one - other).abs().mean():.1e}")
 
 

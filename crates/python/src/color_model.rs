@@ -5,7 +5,8 @@ use pyo3::prelude::*;
 
 use crate::errors::invalid;
 
-/// A colour model: chroma degree, and for method `lcd` luminance degree and activation.
+/// A colour model: degree of the harmonics, and for method `lcd` luminance degree and activation.
+/// Harmonics of log radiance are those with the activation "exp" and no luminance.
 #[derive(FromPyObject)]
 pub(crate) struct PyColorModel(u8, Option<u8>, Option<String>);
 
@@ -22,7 +23,9 @@ impl PyColorModel {
         };
         let model = match (luminance_degree, activation) {
             (Some(luminance_degree), Some(activation)) => ColorModel::Lcd { chroma_degree: degree, luminance_degree, activation },
-            _ => ColorModel::Sh { degree },
+            (None, None) => ColorModel::Sh { degree },
+            (None, Some(Activation::Exp)) => ColorModel::LogSh { degree },
+            _ => return Err(invalid("activation: expected a degree of the luminance with it, unless it is \"exp\"")),
         };
         if model.is_valid() { Ok(model) } else { Err(invalid(format!("colour model {}: degrees are at most 5", model.name()))) }
     }

@@ -7,6 +7,7 @@
 
 mod arrays;
 mod camera;
+mod camera_files;
 mod color_model;
 mod command;
 mod dataset;
@@ -44,6 +45,9 @@ fn _luxel(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<rasterization::PyRasterizer>()?;
     module.add_class::<rasterization::PyProjection>()?;
     module.add_class::<rasterization::PyBlending>()?;
+    module.add_function(wrap_pyfunction!(raster_arrays::spatial_order, module)?)?;
+    module.add_function(wrap_pyfunction!(camera_files::read_cameras, module)?)?;
+    module.add_function(wrap_pyfunction!(camera_files::write_cameras, module)?)?;
     module.add_function(wrap_pyfunction!(images::read_image, module)?)?;
     module.add_function(wrap_pyfunction!(images::write_exr, module)?)?;
     module.add_function(wrap_pyfunction!(images::write_preview, module)?)?;

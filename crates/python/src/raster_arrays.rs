@@ -9,7 +9,7 @@ use bytemuck::Pod;
 use luxel_core::engine::Differentiable;
 use luxel_cpu::CpuEngine;
 use numpy::ndarray::ArrayViewMut;
-use numpy::{Element, IntoPyArray, PyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use numpy::{Element, IntoPyArray, PyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use crate::errors::invalid;
@@ -40,6 +40,13 @@ pub(crate) fn flags<'a>(array: Option<&'a PyReadonlyArrayDyn<'_, bool>>) -> PyRe
 /// Returns numbers as an array of a shape.
 pub(crate) fn shaped<'py, T: Element>(py: Python<'py>, values: Vec<T>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
     values.into_pyarray(py).reshape(shape.to_vec())
+}
+
+/// Returns the places of positions [N, 3] along a space-filling curve: int64 [N].
+#[pyfunction]
+pub(crate) fn spatial_order<'py>(py: Python<'py>, positions: Array<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
+    let order = luxel_core::spatial_order(rows("means", &positions)?);
+    Ok(order.into_iter().map(i64::from).collect::<Vec<_>>().into_pyarray(py))
 }
 
 /// Memory of a result that an array looks into; the engine takes it back for a later result.

@@ -127,7 +127,8 @@ impl PyScene {
     ///     sh: [count, K, 3], harmonics of radiance (model "sh3": 0 is mid-grey, K = 16) or of
     ///         chromaticity (model "lcd").
     ///     raw_luminance: [count, M] for the model "lcd".
-    ///     color_model: "sh0" to "sh5", "lcd", or with degrees and activation "lcd-c3-l0-softplus".
+    ///     color_model: "sh0" to "sh5", "logsh0" to "logsh5", "lcd", or with degrees and activation
+    ///         "lcd-c3-l0-softplus".
     ///     radiance_scale: radiance in the units of the data set of one unit of the colours.
     ///     color_space: space of the colours.
     #[staticmethod]

@@ -11,7 +11,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 import luxel  # noqa: E402
-from luxel.torch import lcd_radiance, rasterization, sh_radiance  # noqa: E402
+from luxel.torch import lcd_radiance, log_sh_radiance, rasterization, sh_radiance, spatial_order  # noqa: E402
 
 NAMES = ("means", "quats", "scales", "opacities", "colors", "viewmats", "backgrounds")
 # Float32 rounds each of some hundred terms of a sum; tolerances are relative to the largest number.
@@ -251,6 +251,36 @@ def test_radiance_of_lcd_has_the_gradients_of_its_formula():
         expected.square().sum().backward()
         for tensor, reference in zip(tensors, doubles):
             assert_near(activation, tensor.grad, reference.grad, GRADIENT_TOLERANCE)
+
+
+def test_splats_in_spatial_order_make_the_same_image():
+    tensors = scene(15, n=300)
+    order = spatial_order(tensors["means"])
+    assert sorted(order.tolist()) == list(range(300))
+    ordered = {name: value[order] if value.shape[:1] == (300,) else value for name, value in tensors.items()}
+    images = [rasterization(**given, width=23, height=17, packed=False)[0] for given in (tensors, ordered)]
+    assert torch.equal(*images)
+    steps = [tensors["means"][places].diff(dim=0).norm(dim=1).mean() for places in (torch.arange(300), order)]
+    assert steps[1] < 0.5 * steps[0]
+    with pytest.raises(luxel.LuxelError, match="means: tensor of shape"):
+        spatial_order(torch.zeros(3))
+
+
+def test_log_harmonics_are_the_exponential_of_harmonics():
+    start = scene(14, c=2)
+    sh = 0.3 * torch.randn(len(start["means"]), 9, 3, generator=torch.Generator().manual_seed(3))
+    tensors = [v.clone().requires_grad_() for v in (start["means"], start["viewmats"], sh)]
+    others = [v.clone().requires_grad_() for v in (start["means"], start["viewmats"], sh)]
+    found = log_sh_radiance(*tensors, degree=2)
+    # Plus 20, so that no colour of the plain harmonics is cut off at zero.
+    lifted = torch.zeros_like(sh)
+    lifted[:, 0] = 20 * math.sqrt(4 * math.pi)
+    expected = torch.exp(sh_radiance(others[0], others[1], others[2] + lifted, 2) - 20)
+    assert_near("radiance", found, expected, 3e-5)
+    found.square().sum().backward()
+    expected.square().sum().backward()
+    for tensor, reference in zip(tensors, others):
+        assert_near("gradient", tensor.grad, reference.grad, 1e-4)
 
 
 def test_results_are_the_same_bits_for_any_number_of_threads_and_graphs_may_be_kept():

@@ -26,10 +26,20 @@ pub(crate) struct RenderArgs {
     /// would come out the same are kept in any case.
     #[arg(long)]
     pub(crate) overwrite: bool,
-    /// File of cameras to render: transforms.json or a camera path of nerfstudio. Image size and
-    /// lens come from the data set's first camera where the file leaves them out.
+    /// File of cameras to render: transforms.json, a camera path of nerfstudio, or OpenUSD (.usda,
+    /// .usdc, .usdz), in the axes and units that luxel export writes. Image size and lens come from
+    /// the data set's first camera where the file leaves them out; the size from --size, if given.
     #[arg(long, value_name = "FILE", conflicts_with = "split", help_heading = "Cameras")]
     pub(crate) cameras: Option<PathBuf>,
+    /// Name or path of the camera in an OpenUSD file of --cameras [default: the only one, or all
+    /// if none moves].
+    #[arg(long, value_name = "NAME", requires = "cameras", help_heading = "Cameras")]
+    pub(crate) camera: Option<String>,
+    /// Write the cameras that are rendered to a file: .json, which --cameras takes, or .usda for
+    /// other programs, in the axes and units that luxel export writes. Views of a data set are a
+    /// camera each, other cameras the frames of one that moves.
+    #[arg(long, value_name = "FILE", help_heading = "Cameras")]
+    pub(crate) write_cameras: Option<PathBuf>,
     /// Views of the data set to render.
     #[arg(long, value_enum, default_value_t, help_heading = "Cameras")]
     pub(crate) split: SplitArg,

@@ -88,7 +88,9 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     let scene = &source.scene;
     let raster = RasterConfig { samples: args.samples.unwrap_or(scene.raster.samples), ..scene.raster };
     let options = RenderOptions { raster, background, ..scene.render_options() };
-    let cameras = args.path.is_some().then(|| shots.all.iter().map(|shot| shot.in_world(scene)).collect::<Vec<_>>());
+    let cameras = (args.path.is_some() || args.write_cameras.is_some())
+        .then(|| shots.all.iter().map(|shot| shot.in_world(scene)).collect::<Vec<_>>());
+    let written = shots::file_of_cameras(args, &shots, cameras.as_deref())?;
     let mut recipe = recipe(args, scene, &options);
     if let Some(digest) = &field_digest {
         recipe = recipe.with("field", digest);
@@ -105,8 +107,11 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     std::fs::create_dir_all(&args.output).with_context(|| format!("{}: cannot create the folder", args.output.display()))?;
     // Frames that are links in a folder from somebody else are replaced.
     let _confinement = luxel_io::confine(&args.output)?;
-    if let Some(cameras) = cameras {
-        shots::write_path(&args.output, &cameras, args.overwrite, &console)?;
+    if let (Some(cameras), Some(_)) = (&cameras, args.path) {
+        shots::write_path(&args.output, cameras, args.overwrite, &console)?;
+    }
+    if let Some(written) = written {
+        written.write(args.overwrite, &console)?;
     }
     if field_digest.is_none() {
         engine.load(&scene.splats, None).context("cannot load the scene")?;
@@ -201,7 +206,7 @@ fn render(args: &RenderArgs, engine: &mut dyn Engine, camera: &Camera, options: 
 /// part that is rendered.
 fn jobs(args: &RenderArgs, shots: Shots, recipe: &Recipe, console: &Console) -> Result<Vec<Job>> {
     let count = shots.frames_len();
-    let Shots { all: shots, frames, images_per_frame } = shots;
+    let Shots { all: shots, frames, images_per_frame, .. } = shots;
     let stems = unique_stems(shots.iter().map(|shot| shot.name.as_str()));
     let job = |(shot, stem): (Shot, String)| {
         let of_frame = recipe.clone().with_camera(&shot.camera);

@@ -81,6 +81,7 @@ pub use layout_realityscan::{parse_realityscan_table, parse_realityscan_xmp};
 pub use masks::{MaskSource, decode_mask};
 pub use metres::prepared_metres_per_unit;
 pub use posed::PosedCamera;
+pub(crate) use posed::{from_opengl, rigid};
 pub use recordings::{Exposures, Supervision, parse_exposures};
 pub use split::{SplitLists, parse_split};
 pub use transforms::{Transforms, TransformsFrame, parse_transforms};

@@ -104,7 +104,7 @@ impl PosedLens {
 
 /// Returns the pose of a camera with these axes (OpenCV: right, down, forward) and place in the
 /// world. Rounding of the axes is removed; what is no rotation is an error without a place.
-pub(super) fn rigid(world_from_camera: DMat3, eye: DVec3) -> Result<DAffine3, String> {
+pub(crate) fn rigid(world_from_camera: DMat3, eye: DVec3) -> Result<DAffine3, String> {
     let mut rotation = world_from_camera.transpose();
     let deviation = (rotation * rotation.transpose() - DMat3::IDENTITY).to_cols_array();
     let determinant = rotation.determinant();
@@ -117,7 +117,7 @@ pub(super) fn rigid(world_from_camera: DMat3, eye: DVec3) -> Result<DAffine3, St
 }
 
 /// Returns the OpenCV axes of a camera from its OpenGL axes (right, up, backwards).
-pub(super) fn from_opengl(world_from_camera: DMat3) -> DMat3 {
+pub(crate) fn from_opengl(world_from_camera: DMat3) -> DMat3 {
     world_from_camera * DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0))
 }
 

@@ -37,8 +37,16 @@ const METERS_PER_UNIT: f64 = 0.01;
 /// Beginning of the names of operations of a transform.
 pub(super) const OPERATION: &str = "xformOp:";
 /// Properties of cameras that are read.
-pub(super) const PROPERTIES: [&str; 5] =
-    ["focalLength", "horizontalAperture", "verticalAperture", "horizontalApertureOffset", "verticalApertureOffset"];
+pub(super) const PROPERTIES: [&str; 7] = [
+    "focalLength",
+    "horizontalAperture",
+    "verticalAperture",
+    "horizontalApertureOffset",
+    "verticalApertureOffset",
+    // Luxel's own: the size of the images in pixels, which the schema does not have.
+    "luxel:width",
+    "luxel:height",
+];
 
 /// The cameras of a layer.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,13 +55,17 @@ pub struct UsdCameras {
     pub(crate) cameras: Vec<UsdCamera>,
     /// Metres of a unit.
     pub(crate) meters_per_unit: f64,
+    /// Whether the layer states them.
+    pub(crate) states_unit: bool,
+    /// First and last time code, where the layer states them.
+    pub(crate) range: [Option<f64>; 2],
     /// `Y` or `Z`.
     pub(crate) up_axis: String,
 }
 
 impl Default for UsdCameras {
     fn default() -> Self {
-        Self { cameras: Vec::new(), meters_per_unit: METERS_PER_UNIT, up_axis: "Y".to_owned() }
+        Self { cameras: Vec::new(), meters_per_unit: METERS_PER_UNIT, states_unit: false, range: [None; 2], up_axis: "Y".to_owned() }
     }
 }
 
@@ -64,6 +76,7 @@ impl UsdCameras {
             return Err(format!("metersPerUnit is {metres}, expected a number above 0"));
         }
         self.meters_per_unit = metres;
+        self.states_unit = true;
         Ok(())
     }
 
@@ -106,6 +119,19 @@ pub(crate) struct PlacedCamera {
     pub(crate) shift: [f64; 2],
     /// Width of the aperture over its height, where the file states both.
     pub(crate) aspect: Option<f64>,
+    /// The lens as shares of the image's height, where the file states the vertical aperture.
+    pub(crate) vertical: Option<VerticalLens>,
+    /// Size of the image, where the file states it: Luxel's own attributes.
+    pub(crate) size_px: Option<[f64; 2]>,
+}
+
+/// A lens as shares of the image's height.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct VerticalLens {
+    /// Focal length.
+    pub(crate) focal: f64,
+    /// Principal point from the middle, down.
+    pub(crate) shift: f64,
 }
 
 impl UsdCamera {
@@ -155,6 +181,10 @@ impl UsdCamera {
             // The aperture moves to the right and up, the principal point within it the other way.
             shift: [-offset[0] / across, offset[1] / across],
             aspect: aspect.filter(|aspect| aspect.is_finite() && *aspect > 0.0),
+            vertical: stated("verticalAperture")
+                .filter(|down| *down > 0.0 && (focal / down).is_normal())
+                .map(|down| VerticalLens { focal: focal / down, shift: offset[1] / down }),
+            size_px: stated("luxel:width").zip(stated("luxel:height")).map(|(width, height)| [width, height]),
         })
     }
 }

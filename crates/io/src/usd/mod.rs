@@ -13,6 +13,7 @@
 //! other programs' business (`usdcat --flatten`); a transform is an error, not ignored.
 
 mod binary;
+mod camera_layer;
 mod cameras;
 mod field;
 mod lexer;
@@ -22,6 +23,7 @@ mod writer;
 use luxel_core::ColorSpace;
 
 pub(crate) use binary::{MAGIC as BINARY_MAGIC, PACKAGE_MAGIC};
+pub use camera_layer::{StageCameras, StageChoice, StageMotion, decode_stage_cameras, is_usd, stage_cameras_text, write_stage_cameras};
 pub(crate) use cameras::UsdCamera;
 pub(crate) use cameras::read_cameras;
 pub use cameras::{UsdCameras, decode_usd_cameras};

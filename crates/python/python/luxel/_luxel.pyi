@@ -280,6 +280,24 @@ class Training:
     @property
     def cameras(self) -> list[Camera]: ...
 
+def read_cameras(
+    path: _Path,
+    *,
+    width: int | None = None,
+    height: int | None = None,
+    camera: str | None = None,
+    dataset: Dataset | None = None,
+    metres_per_unit: float | None = None,
+) -> dict[str, Camera]: ...
+def write_cameras(
+    path: _Path,
+    cameras: dict[str, Camera],
+    *,
+    moving: bool = False,
+    fps: float = 24.0,
+    dataset: Dataset | None = None,
+    metres_per_unit: float | None = None,
+) -> None: ...
 def read_image(
     path: _Path, *, transfer: str | None = None, layer: str | None = None, color_space: str | None = None
 ) -> tuple[_F32, str | None]: ...
@@ -332,6 +350,8 @@ def compare_files(
 def training_options(preset: str | None = None) -> dict[str, Any]: ...
 def run_command(args: Sequence[_Path]) -> int: ...
 def main(args: Sequence[_Path]) -> int: ...
+
+def spatial_order(positions: _F32) -> NDArray[np.int64]: ...
 
 _ColorModel = tuple[int, int | None, str | None]
 

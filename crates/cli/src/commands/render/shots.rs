@@ -1,6 +1,6 @@
 //! The cameras of `luxel render`: views of the data set, a file, or a path made from the views.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use luxel::camera_path::{Resized, camera_path, resized};
@@ -8,9 +8,10 @@ use luxel::edit::{mask_names, needs_dataset};
 use luxel::export::Up;
 use luxel::lens::{Lens, LensKind, pose_at, stereo_pair};
 use luxel::run::ExplicitArgs;
+use luxel::stage::{Stage, is_usd_file};
 use luxel::{files, output, text};
 use luxel_core::{Camera, CameraProjection, Dataset, Scene};
-use luxel_io::PathCamera;
+use luxel_io::{PathCamera, StageChoice, StageMotion};
 
 use crate::args::values::{Frames, LensArg, SplitArg};
 use crate::args::{LoadArgs, RenderArgs};
@@ -48,12 +49,14 @@ pub(super) struct Shots {
     pub(super) frames: Option<Frames>,
     /// Images of each frame: 2 for both eyes, else 1.
     pub(super) images_per_frame: usize,
+    /// The stage that cameras are written for: that of the scene, upright as its data set is.
+    pub(super) stage: Option<Stage>,
 }
 
 impl Shots {
     /// Returns shots that are a frame each.
     fn new(all: Vec<Shot>, frames: Option<Frames>) -> Self {
-        Self { all, frames, images_per_frame: 1 }
+        Self { all, frames, images_per_frame: 1, stage: None }
     }
 
     /// Returns the number of frames.
@@ -102,29 +105,112 @@ fn named(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, cons
     let dataset = || source.dataset(request, console);
     if let Some(at) = args.at {
         let dataset = dataset()?;
+        let stage = stage(source, dataset.as_ref())?;
         let camera = lens(args).camera(pose_at(at, Up::Default, dataset.as_ref())?)?;
         let shot = Shot { name: lens_name(args).to_owned(), camera: source.scene.local_camera(&camera) };
-        return Ok(Shots::new(vec![shot], None));
+        return Ok(Shots { stage: Some(stage), ..Shots::new(vec![shot], None) });
+    }
+    if let Some(file) = args.cameras.as_deref().filter(|file| is_usd_file(file)) {
+        return layer(args, file, source, dataset()?.as_ref(), console);
     }
     if let Some(file) = &args.cameras {
+        if args.camera.is_some() {
+            bail!("{}: --camera chooses one of an OpenUSD file, which this is not", file.display());
+        }
+        let upright = if is_written_as_usd(args) { source.dataset(request, console)? } else { None };
+        let stage = stage(source, upright.as_ref())?;
         let mut all = camera_file(file, args.input.data.is_some(), dataset, || check_unread(args, file, request.explicit))?;
         all.iter_mut().for_each(|shot| shot.camera = source.scene.local_camera(&shot.camera));
-        return Ok(Shots::new(all, args.frames));
+        return Ok(Shots { stage: Some(stage), ..Shots::new(all, args.frames) });
     }
     let Some(dataset) = dataset()? else {
         bail!("{}: a scene file has no cameras; give --data DATASET or --cameras FILE", args.input.scene.display())
     };
+    let stage = Some(stage(source, Some(&dataset))?);
     if let Some(kind) = args.path {
         let frames = path_frames(args.frames)?;
         let path = camera_path(&dataset, kind.into(), frames)?;
         console.note(&format!("{}, {}", path.description, text::plural(frames, "frame")));
-        return Ok(Shots::new(path.cameras.into_iter().map(Into::into).collect(), None));
+        return Ok(Shots { stage, ..Shots::new(path.cameras.into_iter().map(Into::into).collect(), None) });
     }
     let all = views(&dataset, args.split);
     if all.is_empty() {
         bail!("the data set has no views in this split; choose another --split");
     }
-    Ok(Shots::new(all, args.frames))
+    Ok(Shots { stage, ..Shots::new(all, args.frames) })
+}
+
+/// Returns the stage of a scene.
+fn stage(source: &SceneSource, dataset: Option<&Dataset>) -> Result<Stage> {
+    Ok(Stage::new(source.scene.metres_per_unit, Up::Default, dataset)?)
+}
+
+/// Returns the cameras of an OpenUSD file.
+fn layer(args: &RenderArgs, file: &Path, source: &SceneSource, dataset: Option<&Dataset>, console: &Console) -> Result<Shots> {
+    let stage = stage(source, dataset)?;
+    if dataset.is_none() {
+        console.note(&format!("{}: no data set tells where up is: -y of the scene, as in its export without one", file.display()));
+    }
+    let first = dataset.and_then(|dataset| dataset.train.first().or(dataset.test.first()));
+    let choice = StageChoice { camera: args.camera.as_deref(), size_px: args.size.or(first.map(|view| view.camera.size_px)) };
+    let found = stage.read_cameras(file, choice)?;
+    let cameras = text::plural(found.cameras.len(), "camera");
+    match (found.metres_per_unit, source.scene.metres_per_unit) {
+        (None, _) => console.note(&format!("{}: {cameras}; no metersPerUnit: lengths are those of the scene", file.display())),
+        (Some(_), _) if (found.factor - 1.0).abs() < 1e-9 => console.note(&format!("{}: {cameras}", file.display())),
+        (Some(metres), own) => {
+            let own = own.map_or_else(|| "1, since it is unknown".to_owned(), |own| own.to_string());
+            let factor = found.factor;
+            console
+                .note(&format!("{}: {cameras}; lengths times {factor:.6}: metersPerUnit is {metres}, the scene's {own}", file.display()));
+        }
+    }
+    let shot = |named: PathCamera| Shot { name: named.name, camera: source.scene.local_camera(&named.camera) };
+    let all = found.cameras.into_iter().map(shot).collect();
+    Ok(Shots { stage: Some(stage), ..Shots::new(all, args.frames) })
+}
+
+/// Returns whether --write-cameras asks for OpenUSD.
+fn is_written_as_usd(args: &RenderArgs) -> bool {
+    let extension = args.write_cameras.as_deref().and_then(Path::extension);
+    extension.is_some_and(|e| ["usda", "usd"].iter().any(|known| e.eq_ignore_ascii_case(known)))
+}
+
+/// A file of cameras to write.
+pub(super) struct CameraText {
+    path: PathBuf,
+    text: String,
+    count: usize,
+}
+
+impl CameraText {
+    /// Writes the file, unless it is there as it would be.
+    pub(super) fn write(&self, overwrite: bool, console: &Console) -> Result<()> {
+        if luxel_io::read_file(&self.path).is_ok_and(|found| found == self.text.as_bytes()) {
+            return Ok(());
+        }
+        output::check_free(&self.path, overwrite)?;
+        files::write_text(&self.path, &self.text)?;
+        console.note(&format!("{}: {}", self.path.display(), text::plural(self.count, "camera")));
+        Ok(())
+    }
+}
+
+/// Returns what --write-cameras asks for, of the shots in the world.
+pub(super) fn file_of_cameras(args: &RenderArgs, shots: &Shots, world: Option<&[Shot]>) -> Result<Option<CameraText>> {
+    let (Some(path), Some(world)) = (&args.write_cameras, world) else { return Ok(None) };
+    let cameras: Vec<PathCamera> = world.iter().map(|shot| PathCamera { name: shot.name.clone(), camera: shot.camera.clone() }).collect();
+    let is_json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+    let text = match &shots.stage {
+        _ if is_json => luxel_io::camera_file_text(&cameras),
+        Some(stage) if is_written_as_usd(args) => {
+            let is_still = args.cameras.is_none() && args.path.is_none();
+            let moving = StageMotion::Moving { frames_per_second: f64::from(args.fps) };
+            stage.cameras_text(path, &cameras, if is_still { StageMotion::Still } else { moving })?
+        }
+        _ => bail!("{}: cameras are written as .json, or as OpenUSD text, .usda or .usd; choose one of these extensions", path.display()),
+    };
+    Ok(Some(CameraText { path: path.clone(), text, count: cameras.len() }))
 }
 
 /// Returns the number of frames of a path.

@@ -52,6 +52,9 @@ pub(in crate::usd) fn read_cameras(bytes: &[u8]) -> Result<UsdCameras, String> {
         if let Some(unit) = file.numbers(root, "metersPerUnit")?.and_then(|numbers| numbers.first().copied()) {
             found.set_unit(unit)?;
         }
+        for (end, name) in found.range.iter_mut().zip(["startTimeCode", "endTimeCode"]) {
+            *end = file.numbers(root, name)?.and_then(|numbers| numbers.first().copied());
+        }
         if let Some(axis) = file.token(root, "upAxis") {
             axis.clone_into(&mut found.up_axis);
         }

@@ -69,7 +69,7 @@ impl<R: BufRead> Layer<'_, R> {
         }
     }
 
-    /// Looks for the unit and the up axis.
+    /// Looks for the unit, the up axis and the range of time.
     fn layer_metadata(&mut self) -> Result<(), IoError> {
         let mut depth = 1usize;
         let mut previous = [Token::NewLine, Token::NewLine];
@@ -81,6 +81,8 @@ impl<R: BufRead> Layer<'_, R> {
                     let unit = word.parse().unwrap_or(f64::NAN);
                     self.out.set_unit(unit).map_err(|message| self.lexer.invalid(message))?;
                 }
+                Token::Word(word) if is_value_of("startTimeCode") => self.out.range[0] = word.parse().ok().filter(|v: &f64| v.is_finite()),
+                Token::Word(word) if is_value_of("endTimeCode") => self.out.range[1] = word.parse().ok().filter(|v: &f64| v.is_finite()),
                 Token::Text(text) if is_value_of("upAxis") => self.out.up_axis.clone_from(text),
                 Token::Mark(b'(' | b'[' | b'{') => depth += 1,
                 Token::Mark(b')' | b']' | b'}') => depth -= 1,

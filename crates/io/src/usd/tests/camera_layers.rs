@@ -30,6 +30,43 @@ fn cameras_of_binary_files_and_packages_are_those_of_text() {
 }
 
 #[test]
+fn written_cameras_are_read_back() {
+    use crate::{PathCamera, StageCameras, StageChoice, StageMotion, decode_stage_cameras, stage_cameras_text};
+    let camera = |i: u32| {
+        let rotation = glam::DQuat::from_euler(glam::EulerRot::XYZ, 0.3 * f64::from(i), -0.2, 1.1);
+        let camera_from_world = glam::DAffine3::from_rotation_translation(rotation, DVec3::new(1.0, -2.5e3, 0.1 * f64::from(i)));
+        let camera = luxel_core::Camera {
+            camera_from_world,
+            focal_px: glam::DVec2::new(100.0 / 3.0, 41.7 + f64::from(i)),
+            center_px: glam::DVec2::new(20.25, 14.0),
+            size_px: [40, 30],
+            distortion: luxel_core::Distortion::default(),
+            projection: luxel_core::CameraProjection::Pinhole,
+        };
+        PathCamera { name: format!("{i} a"), camera }
+    };
+    let written = StageCameras { cameras: (0..3).map(camera).collect(), metres_per_unit: Some(0.3), is_z_up: true };
+    let read = |motion| {
+        let text = stage_cameras_text(name(), &written, motion).unwrap();
+        decode_stage_cameras(name(), text.as_bytes(), StageChoice::default()).unwrap()
+    };
+    let (still, moving) = (read(StageMotion::Still), read(StageMotion::Moving { frames_per_second: 25.0 }));
+    let names = |cameras: &StageCameras| cameras.cameras.iter().map(|named| named.name.clone()).collect::<Vec<_>>();
+    assert_eq!(names(&still), ["_0_a", "_1_a", "_2_a"]);
+    assert_eq!(names(&moving), ["shot.0000", "shot.0001", "shot.0002"]);
+    for found in [&still, &moving] {
+        assert_eq!((found.metres_per_unit, found.is_z_up), (Some(0.3), true));
+        for (found, written) in found.cameras.iter().zip(&written.cameras) {
+            let (found, written) = (&found.camera, &written.camera);
+            assert_eq!(found.size_px, written.size_px);
+            assert!((found.focal_px - written.focal_px).length() < 1e-5 && (found.center_px - written.center_px).length() < 1e-5);
+            // Eyes are thousands of units from the origin.
+            assert!(found.camera_from_world.abs_diff_eq(written.camera_from_world, 1e-9), "{found:?}\n{written:?}");
+        }
+    }
+}
+
+#[test]
 fn damaged_layers_with_cameras_are_errors() {
     let bytes = unhex(BINARY);
     for length in 8..bytes.len() {

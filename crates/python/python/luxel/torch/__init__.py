@@ -23,7 +23,8 @@ try:
 except ImportError as error:
     raise ImportError("luxel.torch needs PyTorch: pip install torch") from error
 
-from ._colors import lcd_radiance, sh_radiance
+from ._colors import lcd_radiance, log_sh_radiance, sh_radiance
+from ._order import spatial_order
 from ._rasterization import rasterization
 
-__all__ = ["lcd_radiance", "rasterization", "sh_radiance"]
+__all__ = ["lcd_radiance", "log_sh_radiance", "rasterization", "sh_radiance", "spatial_order"]

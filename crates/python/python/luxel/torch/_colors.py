@@ -79,6 +79,20 @@ def sh_radiance(means: Tensor, viewmats: Tensor, sh: Tensor, degree: int) -> Ten
     return colors_towards(means, eyes_of(viewmats), sh, None, None, sh_model(degree, sh.shape[-2]), degree)
 
 
+def log_sh_radiance(means: Tensor, viewmats: Tensor, sh: Tensor, degree: int) -> Tensor:
+    """Evaluates spherical harmonics of log radiance towards cameras, as methods have it that learn the
+    exposure of captured images.
+
+    The radiance is exp(sum of harmonics + 0.5): positive, and without an upper bound. Arguments, result
+    and exceptions are those of `sh_radiance`.
+    """
+    n = check("means", means, (None, 3)).shape[0]
+    c = check("viewmats", viewmats, (None, 4, 4)).shape[0]
+    check("sh", sh, (n, None, 3), (c, n, None, 3))
+    _check_degree("degree", degree, sh.shape[-2])
+    return colors_towards(means, eyes_of(viewmats), sh, None, None, (degree, None, "exp"), degree)
+
+
 def lcd_radiance(
     means: Tensor,
     viewmats: Tensor,
