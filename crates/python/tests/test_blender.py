@@ -42,6 +42,24 @@ def test_a_camera_goes_to_blender_and_comes_back() -> None:
     np.testing.assert_allclose(back.K, there.K, rtol=1e-5)
 
 
+def test_a_camera_that_blender_exports_as_usd_comes_back(tmp_path: Path) -> None:
+    # Without a data set -Y is up in the world, which is +Y in the exported stage and +Z in Blender.
+    turn = luxel_blender.Matrix(((1, 0, 0), (0, 0, 1), (0, -1, 0)))
+    there = camera()
+    luxel_blender.place_camera(there.to_opengl().tolist(), there.K.tolist(), there.width, there.height, turn)
+    for frame, x in ((1, 0.0), (3, 2.0)):
+        bpy.context.scene.camera.location.x += x
+        bpy.context.scene.camera.keyframe_insert("location", frame=frame)
+    bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 3
+    path = tmp_path / "shot.usdc"
+    bpy.ops.wm.usd_export(filepath=str(path), export_animation=True)
+    found = list(luxel.read_cameras(path, width=64, height=48).values())
+    assert len(found) == 3
+    np.testing.assert_allclose(found[0].camera_from_world, there.camera_from_world, atol=1e-5)
+    np.testing.assert_allclose(found[0].K, there.K, rtol=1e-5)
+    np.testing.assert_allclose(found[2].position, there.position + [2.0, 0, 0], atol=1e-5)
+
+
 def test_blender_sees_a_thing_where_luxel_does(tmp_path: Path) -> None:
     turn, there = luxel_blender.blender_from_world(TURN), camera()
     luxel_blender.place_camera(there.to_opengl().tolist(), there.K.tolist(), there.width, there.height, turn)
