@@ -90,7 +90,7 @@ impl TrainConfig {
             Method::Sh0 => Some(0),
             Method::Sh1 => Some(1),
             Method::Sh2 => Some(2),
-            Method::Sh3 => Some(3),
+            Method::Sh3 | Method::MonoHdrGs => Some(3),
             Method::Sh4 => Some(4),
             Method::Sh5 => Some(5),
         }

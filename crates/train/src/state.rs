@@ -198,7 +198,7 @@ impl State {
         Ok(state)
     }
 
-    fn parse(json: &str) -> Result<Self, TrainError> {
+    pub(crate) fn parse(json: &str) -> Result<Self, TrainError> {
         /// The version alone, to tell another version from a damaged file.
         #[derive(Deserialize)]
         struct Header {

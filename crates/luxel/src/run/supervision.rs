@@ -2,7 +2,7 @@
 //!
 //! In: a configuration. Out: the kind that the method implies; an error where another is given.
 
-use luxel_io::Supervision;
+use luxel_io::{Exposures, Supervision};
 
 use super::{ExplicitArgs, RunConfig};
 use crate::{Error, Remedy, Result};
@@ -13,6 +13,14 @@ impl RunConfig {
     pub fn imply_supervision(&mut self, explicit: &ExplicitArgs) {
         if self.train.method.trains_on_pairs() && !explicit.contains("supervision") {
             self.load.supervision = Supervision::Both;
+        }
+    }
+
+    /// Reads the middle exposure of each pose if the method sees one exposure and none is chosen:
+    /// for tables, whose other methods read all.
+    pub(crate) fn imply_exposure(&mut self) {
+        if self.train.method.needs_one_exposure() && self.load.exposures == Exposures::All {
+            self.load.exposures = Exposures::Middle;
         }
     }
 

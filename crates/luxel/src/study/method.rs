@@ -1,7 +1,7 @@
 //! Methods by name: the rows of the tables.
 //!
-//! In: `nerf-grid`, a radiance field, with `-linear` for the loss of linear radiance; `hdr-gs`,
-//! which trains on captured images beside radiance; `sh0` to `sh5`; `logsh3`; `lcd` with parts
+//! In: `nerf-grid`, a radiance field, with `-linear` for the loss of linear radiance; `hdr-gs` and
+//! `mono-hdr-gs`, which train on captured images beside radiance; `sh0` to `sh5`; `logsh3`; `lcd` with parts
 //! behind it in any order: `-exp` or `-relu` for the activation (softplus without), `-lN` for the
 //! degree to which luminance varies with the view (0 without), `-cN` for the degree of
 //! chromaticity (3 without). Out: the method, which has one name ([`StudyMethod::name`]), and
@@ -86,7 +86,7 @@ pub fn parse_method(text: &str) -> Result<StudyMethod, String> {
     };
     model.filter(|model| model.is_valid()).map(StudyMethod::Splats).ok_or_else(|| {
         format!(
-            "unknown method \"{text}\", expected table1, table2, nerf-grid, nerf-grid-linear, hdr-gs, sh0 to sh5, logsh3, or lcd with -exp or -relu, -l0 to -l3, -c0 to -c5 after it: lcd-exp, lcd-c2-l1"
+            "unknown method \"{text}\", expected table1, table2, nerf-grid, nerf-grid-linear, hdr-gs, mono-hdr-gs, sh0 to sh5, logsh3, or lcd with -exp or -relu, -l0 to -l3, -c0 to -c5 after it: lcd-exp, lcd-c2-l1"
         )
     })
 }
@@ -161,6 +161,7 @@ pub(super) fn with_method(options: &TrainConfig, method: StudyMethod) -> TrainCo
 pub(super) fn description(method: StudyMethod) -> String {
     let model = match method {
         StudyMethod::Splats(model) => model,
+        StudyMethod::Pairs(Method::MonoHdrGs) => return "Mono-HDR-GS".into(),
         StudyMethod::Pairs(_) => return "HDR-GS".into(),
         StudyMethod::Field { loss: Some(FieldLoss::Linear), .. } => return "NeRF, hash grid, loss of radiance".into(),
         StudyMethod::Field { .. } => return "NeRF, hash grid".into(),
@@ -224,11 +225,13 @@ mod tests {
 
     #[test]
     fn methods_of_pairs_are_methods_too() {
-        let method = parse_method("hdr-gs").unwrap();
-        assert_eq!((method, method.name().as_str()), (StudyMethod::Pairs(Method::HdrGs), "hdr-gs"));
-        let config = with_method(&TrainConfig { luminance_degree: Some(1), ..TrainConfig::default() }, method);
-        assert_eq!((config.method, config.luminance_degree), (Method::HdrGs, None));
-        config.validate().unwrap();
+        for (name, expected) in [("hdr-gs", Method::HdrGs), ("mono-hdr-gs", Method::MonoHdrGs)] {
+            let method = parse_method(name).unwrap();
+            assert_eq!((method, method.name().as_str()), (StudyMethod::Pairs(expected), name));
+            let config = with_method(&TrainConfig { luminance_degree: Some(1), ..TrainConfig::default() }, method);
+            assert_eq!((config.method, config.luminance_degree), (expected, None));
+            config.validate().unwrap();
+        }
     }
 
     #[test]

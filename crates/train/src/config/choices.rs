@@ -110,6 +110,9 @@ choices! {
         /// HDR-GS (Cai et al. 2024): log harmonics, and networks from log radiance and exposure to
         /// captured images, which are trained on beside the radiance
         HdrGs: "hdr-gs",
+        /// Mono-HDR-GS (Zhang et al. 2025): harmonics of captured values of one exposure, which
+        /// networks lift to radiance
+        MonoHdrGs: "mono-hdr-gs",
         /// No splats: a radiance field on a hash grid, of softplus radiance (NeRF)
         NerfGrid: "nerf-grid",
     }
@@ -217,7 +220,22 @@ impl NamedChoice for Antialias {
 impl Method {
     /// Returns whether steps see a captured image beside the radiance of its pose.
     pub fn trains_on_pairs(self) -> bool {
-        matches!(self, Self::HdrGs)
+        matches!(self, Self::HdrGs | Self::MonoHdrGs)
+    }
+
+    /// Returns whether splats hold captured values, whose colours the method lifts to radiance.
+    pub fn lifts_colors(self) -> bool {
+        self == Self::MonoHdrGs
+    }
+
+    /// Returns whether its own scene is rendered on the CPU alone.
+    pub fn renders_on_cpu(self) -> bool {
+        self.is_field() || self.lifts_colors()
+    }
+
+    /// Returns whether the captured images that it sees must all have one exposure.
+    pub fn needs_one_exposure(self) -> bool {
+        self == Self::MonoHdrGs
     }
 
     /// Returns whether the method trains a radiance field, which has no splats.

@@ -139,6 +139,10 @@ options! {
         ldr_weight: f32 = 1.0, "WEIGHT", Range::AtLeast(0), needs: [Pairs];
         /// Scale of radiance under the mu-law in the loss
         hdr_normalisation: HdrNormalisation = HdrNormalisation::Scene, "SCALE", Range::Any, needs: [Pairs];
+        /// Weight of the loss of captured values that a network makes of the rendered radiance
+        cycle_weight: f32 = 0.05, "WEIGHT", Range::AtLeast(0), needs: [Cycle];
+        /// Learning rate of the network from radiance to captured values
+        cycle_lr: f32 = 1e-5, "RATE", Range::Positive, needs: [Cycle];
         /// Number of hidden units of the tone mapping networks
         tone_width: u32 = 128, "N", Range::Limits { min: 1, max: 1024 }, needs: [Pairs];
         /// Learning rate of the tone mapping networks

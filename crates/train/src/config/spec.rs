@@ -139,11 +139,13 @@ pub enum Condition {
     CapturedImages,
     /// The method trains on captured LDR images beside radiance.
     Pairs,
+    /// The method maps rendered radiance back to captured values.
+    Cycle,
 }
 
 impl Condition {
     /// All conditions.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Lcd,
         Self::NerfGrid,
         Self::Adc,
@@ -155,12 +157,13 @@ impl Condition {
         Self::RadianceImages,
         Self::CapturedImages,
         Self::Pairs,
+        Self::Cycle,
     ];
 
     /// Returns the name of the option that makes the choice.
     pub fn option(self) -> &'static str {
         match self {
-            Self::Lcd | Self::NerfGrid | Self::Pairs => "method",
+            Self::Lcd | Self::NerfGrid | Self::Pairs | Self::Cycle => "method",
             Self::Adc | Self::Mcmc => "strategy",
             Self::Absgrad => "absgrad",
             Self::Batch => "batch",
@@ -174,7 +177,8 @@ impl Condition {
     pub fn value(self) -> &'static str {
         match self {
             Self::Lcd => "lcd",
-            Self::Pairs => "hdr-gs",
+            Self::Pairs => "hdr-gs or mono-hdr-gs",
+            Self::Cycle => "mono-hdr-gs",
             Self::NerfGrid => "nerf-grid",
             Self::Adc => "adc",
             Self::Mcmc => "mcmc",
@@ -190,6 +194,7 @@ impl Condition {
         match self {
             Self::Lcd => Some(config.method == Method::Lcd),
             Self::Pairs => Some(config.method.trains_on_pairs()),
+            Self::Cycle => Some(config.method == Method::MonoHdrGs),
             Self::NerfGrid => Some(config.method == Method::NerfGrid),
             Self::Adc => Some(config.strategy == Strategy::Adc),
             Self::Mcmc => Some(config.strategy == Strategy::Mcmc),

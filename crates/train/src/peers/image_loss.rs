@@ -7,6 +7,7 @@
 //! target. Each channel is computed by one thread: the same bits for any number of threads.
 //! Degenerate: if all weights are 0, loss and gradient are 0.
 
+use fearless_simd::Level;
 use luxel_core::{LossWeights, SQUARED_KNEE, SSIM_C1, SSIM_C2, SSIM_RADIUS, SSIM_TAPS, ssim_window};
 use rayon::prelude::*;
 
@@ -55,7 +56,10 @@ pub(crate) fn compare(prediction: &Planes, target: &Planes, weights: Option<&[f3
     let total = 3.0 * weights.map_or((width * height) as f64, |weights| weights.iter().map(|w| f64::from(*w)).sum());
     let channels: Vec<Channel> = (0..3)
         .into_par_iter()
-        .map(|c| channel([width, height], [&prediction.values[c], &target.values[c]], weights, loss, total))
+        .map(|c| {
+            let planes = [&prediction.values[c][..], &target.values[c]];
+            fearless_simd::dispatch!(Level::new(), _simd => channel([width, height], planes, weights, loss, total))
+        })
         .collect();
     let sum = |of: fn(&Channel) -> f64| channels.iter().map(of).sum::<f64>();
     let mean = |sum: f64| if total > 0.0 { (sum / total) as f32 } else { 0.0 };
@@ -66,6 +70,8 @@ pub(crate) fn compare(prediction: &Planes, target: &Planes, weights: Option<&[f3
     Comparison { loss: loss.total(l1, l2, ssim), l1, ssim, by_value: Planes { width, height, values } }
 }
 
+/// Compares a channel. The same operations on every instruction set: arithmetic is by elements.
+#[inline(always)]
 fn channel([width, height]: [usize; 2], [x, y]: [&[f32]; 2], weights: Option<&[f32]>, loss: &LossWeights, total: f64) -> Channel {
     let mixed: Vec<f32> = match weights {
         None => x.to_vec(),
@@ -120,6 +126,7 @@ struct Similarity {
     by: [f32; 3],
 }
 
+#[inline(always)]
 fn similarity([mx, my, squares, product]: [f32; 4]) -> Similarity {
     let (c1, c2) = (SSIM_C1 as f32, SSIM_C2 as f32);
     let (a, b) = (2.0 * mx * my + c1, 2.0 * (product - mx * my) + c2);
@@ -146,6 +153,7 @@ impl Window {
 
     /// Convolves a plane, down the columns and then along the rows. The window is symmetric, so
     /// this is its own adjoint.
+    #[inline(always)]
     fn convolve(&mut self, mut plane: Vec<f32>) -> Vec<f32> {
         let Self { width, height, taps, row, down } = self;
         for y in 0..*height {

@@ -9,20 +9,30 @@
 
 mod adam;
 mod check;
+mod cycle;
+mod fold;
 mod hdr_gs;
 mod image_loss;
+mod lift;
+mod lifted_engine;
+mod mono_hdr_gs;
 mod pair;
 mod radiance_loss;
 mod rasterised;
 mod relu_line;
+#[cfg(test)]
+mod testing;
 mod tone_mappers;
 
 use luxel_core::Dataset;
 use serde::{Deserialize, Serialize};
 
 pub(crate) use self::check::check_options;
-pub(crate) use self::hdr_gs::HdrGsStep;
-pub(crate) use self::pair::{check_pairs, exposure_of, turn};
+pub(crate) use self::fold::folded;
+pub(crate) use self::lifted_engine::{LiftedEngine, SharedLift};
+use self::mono_hdr_gs::MonoNetworks;
+pub use self::pair::one_exposure;
+pub(crate) use self::pair::{PairStep, check_pairs, exposure_of, turn};
 pub use self::tone_mappers::ToneMapperRecord;
 use self::tone_mappers::ToneMappers;
 use crate::config::Method;
@@ -33,6 +43,7 @@ use crate::{TrainConfig, TrainError};
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum SharedNetworks {
     HdrGs(ToneMappers),
+    MonoHdrGs(MonoNetworks),
 }
 
 impl SharedNetworks {
@@ -40,6 +51,7 @@ impl SharedNetworks {
     pub(crate) fn new(config: &TrainConfig, dataset: &Dataset) -> Option<Self> {
         let exposures = || dataset.train.iter().flat_map(|view| &view.recordings).filter_map(exposure_of);
         match config.method {
+            Method::MonoHdrGs => Some(Self::MonoHdrGs(MonoNetworks::new(config))),
             Method::HdrGs => Some(Self::HdrGs(ToneMappers::new(config.tone_width, exposures(), config.seed))),
             _ => None,
         }
@@ -49,6 +61,7 @@ impl SharedNetworks {
     pub(crate) fn validate(networks: Option<&Self>, config: &TrainConfig) -> Result<(), TrainError> {
         match (networks, config.method) {
             (Some(Self::HdrGs(mappers)), Method::HdrGs) => mappers.validate(config.tone_width),
+            (Some(Self::MonoHdrGs(networks)), Method::MonoHdrGs) => networks.validate(config.tone_width),
             (None, method) if !method.trains_on_pairs() => Ok(()),
             _ => Err(TrainError::State("the method's networks are missing, or are those of another method".to_owned())),
         }
@@ -58,6 +71,15 @@ impl SharedNetworks {
     pub(crate) fn tone_mappers(&self, radiance_unit: f32) -> Option<ToneMapperRecord> {
         match self {
             Self::HdrGs(mappers) => Some(mappers.record(radiance_unit)),
+            Self::MonoHdrGs(_) => None,
+        }
+    }
+
+    /// Returns the lift from captured values to radiance, if the method has one.
+    pub(crate) fn shared_lift(&self) -> Option<SharedLift> {
+        match self {
+            Self::HdrGs(_) => None,
+            Self::MonoHdrGs(networks) => Some(SharedLift::new(networks.lift.tables())),
         }
     }
 }
