@@ -93,6 +93,16 @@ pub enum TrainError {
         /// Property found, and the one expected.
         reason: &'static str,
     },
+    /// The method trains on captured images alone.
+    #[error("method {method}: view {view} {reason}")]
+    NeedsCaptured {
+        /// Name of the method.
+        method: &'static str,
+        /// Name of the view.
+        view: String,
+        /// Property found, and the one expected.
+        reason: &'static str,
+    },
     /// The method trains on captured images of one exposure.
     #[error("method {method}: captured images of {} s, expected one exposure for all", seconds(exposures_s))]
     NeedsOneExposure {
@@ -167,6 +177,7 @@ impl TrainError {
             Self::AllBlack => Some(&ALL_BLACK),
             Self::MixedValues { .. } => Some(&MIXED_VALUES),
             Self::NeedsPairs { .. } => Some(&NEEDS_PAIRS),
+            Self::NeedsCaptured { .. } => Some(&NEEDS_CAPTURED),
             Self::NeedsOneExposure { .. } => Some(&NEEDS_ONE_EXPOSURE),
             Self::NotFinite { .. } => Some(&NOT_FINITE),
             Self::NotFiniteSplat { .. } => Some(&NOT_FINITE_SPLAT),
@@ -200,6 +211,7 @@ fn seconds(exposures_s: &[f32]) -> String {
 
 static ALL_BLACK: LazyLock<Remedy> = LazyLock::new(|| Remedy::advice("check the images").or(Remedy::give("radiance_scale")));
 static NEEDS_PAIRS: LazyLock<Remedy> = LazyLock::new(|| Remedy::set("supervision", "both").or(Remedy::set("method", "logsh3")));
+static NEEDS_CAPTURED: LazyLock<Remedy> = LazyLock::new(|| Remedy::set("supervision", "ldr").or(Remedy::set("method", "logsh3")));
 static NEEDS_ONE_EXPOSURE: LazyLock<Remedy> = LazyLock::new(|| Remedy::set("exposures", "middle").or(Remedy::set("exposures", "0")));
 static MIXED_VALUES: LazyLock<Remedy> =
     LazyLock::new(|| Remedy::give("supervision").or(Remedy::advice("move the images of the other kind out of the data set")));

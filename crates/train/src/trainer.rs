@@ -12,6 +12,7 @@
 mod aspect;
 mod average;
 mod batch;
+mod captured;
 mod densify;
 mod health;
 mod pairs;
@@ -31,7 +32,6 @@ use luxel_core::{
 
 use self::batch::{SlotView, rates_of_batch, scaled};
 use crate::average::Average;
-use crate::camera_response::CameraResponse;
 use crate::config::Strategy;
 use crate::gains::Gains;
 use crate::peers::{SharedLift, folded};
@@ -59,7 +59,8 @@ pub struct Trainer {
     poses: Option<Poses>,
     /// The lenses of the views, if their vignetting is optimised.
     lenses: Option<Lenses>,
-    /// What makes radiance of the splats' colours, if the method lifts them; its engine has it, too.
+    /// The lift that makes radiance of the splats' colours, if the method lifts them; its engine
+    /// has it, too.
     lift: Option<SharedLift>,
     /// The connection to the other ranks of a distributed run.
     exchange: Box<dyn Exchange>,
@@ -213,7 +214,10 @@ impl Trainer {
     /// Returns the response of the camera that captured the training images, or `None` if the
     /// images are radiance.
     pub fn response(&self) -> Option<Knots> {
-        self.state.response.as_ref().map(CameraResponse::knots)
+        match &self.state.response {
+            Some(response) => Some(response.knots()),
+            None => self.state.networks.as_ref()?.response(),
+        }
     }
 
     /// Returns the transform from the coordinates of the splats to those of the data set's files.

@@ -27,7 +27,7 @@ fn pairs(exposure_s: impl Fn(usize) -> f32) -> Dataset {
 }
 
 fn base(iterations: u32) -> TrainConfig {
-    TrainConfig { max_splats: Some(600), method: Method::MonoHdrGs, tone_lr: 5e-3, cycle_lr: 1e-3, ..config(iterations) }
+    TrainConfig { max_splats: Some(600), method: Method::MonoHdrGs, lift_lr: 5e-3, cycle_lr: 1e-3, ..config(iterations) }
 }
 
 fn run(trainer: &mut Trainer, steps: u32) {

@@ -55,7 +55,7 @@ struct OpenEngine {
     content: Content,
 }
 
-/// What the engine holds.
+/// The content of the engine.
 enum Content {
     /// Nothing yet: splats come in after edits.
     Nothing,

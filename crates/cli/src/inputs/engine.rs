@@ -32,7 +32,7 @@ pub(crate) fn training_engine(config: &RunConfig) -> Result<SelectedEngine> {
     if config.train.method.is_field() {
         return worded(&config.device, luxel::field::open_processor(&config.device));
     }
-    let has_own_steps = config.train.method.trains_on_pairs();
+    let has_own_steps = config.train.method.has_own_steps();
     let needs_cpu = config.load.supervision == Supervision::Ldr || has_own_steps;
     let mut selected = worded(&config.device, SelectedEngine::for_training(&config.device, needs_cpu))?;
     if has_own_steps && config.device.device == Device::Auto {

@@ -70,8 +70,9 @@ pub struct Metrics {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub vignetting: Vec<LensVignetting>,
     /// `test`, and at the end of training `train`; where poses were refined, `test_aligned`; where
-    /// a capture leaves gains open, `test_gain_common` or `test_gain_per_view` too; where the method
-    /// lifts colours, `test_folded` and `test_folded_gain_common`, of the scene without the lift.
+    /// a capture leaves gains open, `test_gain_common` or `test_gain_per_view` too; where the
+    /// method lifts colours, `test_folded` and `test_folded_gain_common`, of the scene without the
+    /// lift.
     pub splits: BTreeMap<String, SplitMetrics>,
 }
 
@@ -167,11 +168,12 @@ impl Rendering<'_> {
     }
 
     /// Measures the test views as the scene file of a method shows them that lifts colours to
-    /// radiance. Returns the metrics by name of the split.
+    /// radiance; none without one. Returns the metrics by name of the split.
     ///
     /// # Errors
     /// As [`Self::evaluate`].
-    pub fn evaluate_folded(&mut self, folded: &Scene, threads: usize, views: &[View]) -> Result<Vec<(&'static str, SplitMetrics)>> {
+    pub fn evaluate_folded(&mut self, folded: Option<&Scene>, threads: usize, views: &[View]) -> Result<Vec<(&'static str, SplitMetrics)>> {
+        let Some(folded) = folded else { return Ok(Vec::new()) };
         let device = Device::Cpu.with_threads(u32::try_from(threads).unwrap_or(1).max(1));
         let mut engine = SelectedEngine::open(&device)?.engine;
         engine.load(&folded.splats, None).context("cannot load the scene")?;

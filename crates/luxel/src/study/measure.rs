@@ -94,7 +94,10 @@ pub(super) fn measure(
     let cells = finished.iter().filter_map(|&i| matrix.cells.get(i));
     let mut todo: Vec<&Cell> = cells.filter(|cell| is_open(cell)).collect();
     // One data set after another, so that each is read once and one is held.
-    todo.sort_by_key(|cell| (cell.source, cell.config.train.method.trains_on_pairs()));
+    todo.sort_by_key(|cell| {
+        let method = cell.config.train.method;
+        (cell.source, method.trains_on_pairs(), method.has_own_steps())
+    });
     let mut dataset: Option<HeldDataset> = None;
     let mut failures = Vec::new();
     for cell in todo {

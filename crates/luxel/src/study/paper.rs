@@ -51,7 +51,7 @@ const METHODS: [PaperMethod; 10] = [
     PaperMethod { name: "HDR-GS", here: Some("hdr-gs") },
     PaperMethod { name: "Mono-HDR-GS", here: Some("mono-hdr-gs") },
     PaperMethod { name: "Mono-HDR-NeRF", here: None },
-    PaperMethod { name: "GaussHDR", here: None },
+    PaperMethod { name: "GaussHDR", here: Some("gausshdr") },
     PaperMethod { name: "LCD-GS", here: Some("lcd") },
 ];
 

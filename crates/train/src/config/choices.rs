@@ -113,6 +113,9 @@ choices! {
         /// Mono-HDR-GS (Zhang et al. 2025): harmonics of captured values of one exposure, which
         /// networks lift to radiance
         MonoHdrGs: "mono-hdr-gs",
+        /// GaussHDR (Liu et al. 2025) on plain splats: log harmonics and context features, which
+        /// global and local tone networks map to the captured images that alone are trained on
+        GaussHdr: "gausshdr",
         /// No splats: a radiance field on a hash grid, of softplus radiance (NeRF)
         NerfGrid: "nerf-grid",
     }
@@ -221,6 +224,11 @@ impl Method {
     /// Returns whether steps see a captured image beside the radiance of its pose.
     pub fn trains_on_pairs(self) -> bool {
         matches!(self, Self::HdrGs | Self::MonoHdrGs)
+    }
+
+    /// Returns whether its steps are its own, over the engine's rasteriser with gradients.
+    pub fn has_own_steps(self) -> bool {
+        self.trains_on_pairs() || self == Self::GaussHdr
     }
 
     /// Returns whether splats hold captured values, whose colours the method lifts to radiance.

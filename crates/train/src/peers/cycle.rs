@@ -2,8 +2,9 @@
 //!
 //! In: pixels p [3] of radiance under the mu-law. Out: c = sigmoid(max(A h, 0) + tanh(B h)), both
 //! with biases, where h = max(W p + b, 0) has [`UNITS`] units; and the gradient by the pixels and
-//! by all numbers. Sixteen pixels are computed together on every instruction set. Pixels are taken in chunks of constant size, and their sums are added in order:
-//! the same bits for any number of threads.
+//! by all numbers. Sixteen pixels are computed together on every instruction set. Pixels are taken
+//! in chunks of constant size, and their sums are added in order: the same bits for any number of
+//! threads.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, f32x16};

@@ -44,7 +44,7 @@ pub(crate) struct MonoGradients {
 impl MonoNetworks {
     /// Makes the networks at the start of a run.
     pub(crate) fn new(config: &TrainConfig) -> Self {
-        Self { lift: Lift::new(config.tone_width, config.seed), cycle: Cycle::new(config.seed) }
+        Self { lift: Lift::new(config.lift_width, config.seed), cycle: Cycle::new(config.seed) }
     }
 
     /// Checks networks read from a file.
@@ -56,7 +56,7 @@ impl MonoNetworks {
     /// Updates the networks by a step's gradients.
     pub(crate) fn update(&mut self, found: &MonoGradients, config: &TrainConfig) {
         if let Some((tables, gradient)) = &found.lift {
-            self.lift.update(tables, gradient, config.tone_lr.into());
+            self.lift.update(tables, gradient, config.lift_lr.into());
         }
         if let Some(gradient) = &found.cycle {
             self.cycle.update(gradient, config.cycle_lr.into());
@@ -127,7 +127,7 @@ impl PairStep<'_> {
     }
 }
 
-/// What the rendered radiance is compared with.
+/// The images that the rendered radiance is compared with.
 struct Targets<'a> {
     view: &'a View,
     recording: &'a View,
@@ -174,7 +174,7 @@ mod tests {
     #[test]
     fn gradients_of_all_losses_by_every_parameter_are_those_of_differences() {
         let scene = GradientScene::new(ColorModel::Sh { degree: 1 });
-        let base = TrainConfig { method: Method::MonoHdrGs, tone_width: 16, mu: 20.0, cycle_weight: 0.5, ..TrainConfig::default() };
+        let base = TrainConfig { method: Method::MonoHdrGs, lift_width: 16, mu: 20.0, cycle_weight: 0.5, ..TrainConfig::default() };
         let networks = MonoNetworks::new(&base);
         for config in [
             base.clone(),

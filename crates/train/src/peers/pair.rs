@@ -72,6 +72,21 @@ pub(crate) fn check_pairs(train: &[View], method: &'static str) -> Result<(), Tr
     Ok(())
 }
 
+/// Checks that every training view is a captured image, seen by a pinhole.
+pub(crate) fn check_captured(train: &[View], method: &'static str) -> Result<(), TrainError> {
+    for view in train {
+        let reason = if exposure_of(view).is_none() {
+            "is radiance, expected a captured image with its exposure"
+        } else if !view.camera.projection.is_pinhole() {
+            "is of a lens that is no pinhole, expected pinhole cameras"
+        } else {
+            continue;
+        };
+        return Err(TrainError::NeedsCaptured { method, view: view.name.clone(), reason });
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -49,6 +49,21 @@ pub(crate) struct BlendedImage {
     blended: Box<dyn BlendedSplats>,
 }
 
+/// Blended images of any number of channels.
+pub(crate) struct BlendedChannels {
+    /// `[H, W, K]`.
+    pub(crate) channels: Vec<f32>,
+    blended: Box<dyn BlendedSplats>,
+}
+
+impl BlendedChannels {
+    /// Returns the gradient by the channels `[N, K]` and by the splats on the screen, from that by
+    /// the pixels.
+    pub(crate) fn backward(&self, by_pixel: &[f32]) -> Result<BlendGradient, EngineError> {
+        self.blended.backward(&PixelGradient { channels: by_pixel, alpha: None, absolute: Default::default() })
+    }
+}
+
 /// The gradients of the splats' colours and geometry, summed over images.
 #[derive(Default)]
 pub(crate) struct ImageGradients {
@@ -166,6 +181,12 @@ impl<'a> Rasterised<'a> {
     /// Blends colours over black.
     pub(crate) fn blend(&self, colors: &[[f32; 3]]) -> Result<BlendedImage, EngineError> {
         self.blend_over(colors, None)
+    }
+
+    /// Blends channels `[N, count]` over 0.
+    pub(crate) fn blend_channels(&self, values: &[f32], count: usize) -> Result<BlendedChannels, EngineError> {
+        let (pixels, blended) = self.ellipses_to_pixels.blend(&Channels { values, count, background: None })?;
+        Ok(BlendedChannels { channels: pixels.channels, blended })
     }
 
     /// Blends colours over a background, or over black.

@@ -47,7 +47,7 @@ impl Trainer {
                 lift.iter().for_each(|lift| lift.set(networks.lift.tables()));
                 (found.report, found.splats)
             }
-            None => return Err(no_pair(view.name.clone())),
+            Some(SharedNetworks::GaussHdr(_)) | None => return Err(no_pair(view.name.clone())),
         };
         engine.apply_gradients(&gradients, step)?;
         Ok(report)
@@ -66,7 +66,7 @@ impl Trainer {
 /// [`TrainError::State`] if the state cannot be read.
 pub fn snapshot_scene(snapshot: Snapshot) -> Result<Scene, TrainError> {
     let state = State::parse(&snapshot.state_json)?;
-    SharedNetworks::validate(state.networks.as_ref(), &state.config)?;
+    SharedNetworks::validate(state.networks.as_ref(), &state.config, snapshot.scene.splats.len())?;
     let scene = snapshot.scene;
     Ok(match state.networks.as_ref().and_then(SharedNetworks::shared_lift) {
         None => scene,
@@ -82,7 +82,7 @@ pub fn snapshot_scene(snapshot: Snapshot) -> Result<Scene, TrainError> {
 /// [`TrainError::State`] if the state cannot be read; the engine's refusal of the splats.
 pub fn lifted_engine(snapshot: &Snapshot, mut engine: Box<dyn Engine>) -> Result<Option<Box<dyn Engine>>, TrainError> {
     let state = State::parse(&snapshot.state_json)?;
-    SharedNetworks::validate(state.networks.as_ref(), &state.config)?;
+    SharedNetworks::validate(state.networks.as_ref(), &state.config, snapshot.scene.splats.len())?;
     let Some(lift) = state.networks.as_ref().and_then(SharedNetworks::shared_lift) else { return Ok(None) };
     engine.load(&snapshot.scene.splats, None)?;
     Ok(Some(Box::new(LiftedEngine::new(engine, lift))))

@@ -12,10 +12,10 @@ use super::scene_start::{check_scene, start_of_scene, with_raster};
 use super::{Trainer, VecDeque};
 use crate::average::Average;
 use crate::camera_response::CameraResponse;
-use crate::peers::{LiftedEngine, SharedNetworks, check_pairs, one_exposure};
+use crate::peers::{LiftedEngine, SharedNetworks, check_captured, check_pairs, one_exposure};
 use crate::pixel_weights::ToneScale;
 use crate::recorded::is_recorded;
-use crate::state::{Start, State, poses_of};
+use crate::state::{Start, State, learns_response, poses_of};
 use crate::views::TrainingViews;
 use crate::vignetting::{Lenses, check_lenses};
 use crate::{Initial, Method, NamedChoice, Schedule, TrainConfig, TrainError, free_space, initialise};
@@ -66,6 +66,7 @@ impl Trainer {
         check_pair_method(dataset, &config, &*engine)?;
         let response = is_recorded(&dataset.train)?.then(|| CameraResponse::new(config.unit_exposure, &dataset.train));
         let knots = response.as_ref().map(CameraResponse::knots);
+        let response = if learns_response(dataset, &config)? { response } else { None };
         let Initial { splats, radiance_scale } = match scene {
             Some(scene) => start_of_scene(scene, dataset, &config, knots)?,
             None => {
@@ -87,7 +88,7 @@ impl Trainer {
             part if part > 0.0 && !config.freezes_geometry() => free_space::radii(&dataset.train, &splats.position, part),
             _ => Vec::new(),
         };
-        let state = State::new(dataset, Start { config, extent, radiance_scale, response, clearances });
+        let state = State::new(dataset, Start { config, extent, radiance_scale, response, splats: splats.len(), clearances });
         let mut trainer = Self::assemble(dataset, state, None, engine);
         trainer.warn_of_average();
         trainer.check_pose_steps()?;
@@ -188,16 +189,19 @@ fn check_batch(dataset: &Dataset, config: &TrainConfig) -> Result<(), TrainError
 /// Checks that the data set has what a method on pairs trains on, and the engine what its steps
 /// need.
 fn check_pair_method(dataset: &Dataset, config: &TrainConfig, engine: &dyn Engine) -> Result<(), TrainError> {
-    if !config.method.trains_on_pairs() {
+    if !config.method.has_own_steps() {
         return Ok(());
     }
     let method = config.method.name();
-    check_pairs(&dataset.train, method)?;
+    match config.method.trains_on_pairs() {
+        true => check_pairs(&dataset.train, method)?,
+        false => check_captured(&dataset.train, method)?,
+    }
     if config.method.needs_one_exposure() {
         one_exposure(&dataset.train, method)?;
     }
     if engine.differentiable().is_none() {
-        let message = format!("method {method} is trained on the CPU: this engine has no rasteriser with gradients for its two images");
+        let message = format!("method {method} is trained on the CPU: this engine has no rasteriser with gradients for its images");
         return Err(EngineError::invalid(message).with_remedy(Remedy::set("device", "cpu")).into());
     }
     Ok(())

@@ -91,10 +91,8 @@ impl Session<'_> {
         for (name, split) in rendering.evaluate_fitted(config, &test_views)? {
             splits.insert(name.to_owned(), split);
         }
-        if let Some(folded) = &folded {
-            for (name, split) in rendering.evaluate_folded(folded, threads, &test_views)? {
-                splits.insert(name.to_owned(), split);
-            }
+        for (name, split) in rendering.evaluate_folded(folded.as_ref(), threads, &test_views)? {
+            splits.insert(name.to_owned(), split);
         }
         for (name, split) in [("test", test), ("train", train)] {
             if let Some(split) = split {
