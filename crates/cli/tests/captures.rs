@@ -93,7 +93,70 @@ fn hdr_gs_needs_pairs_and_refuses_what_it_does_not_have() {
     refused(&["--supervision", "both"], &["method lcd trains on one kind of images"]);
     refused(&["--method", "hdr-gs", "--cutoffs", "hdr"], &["--cutoffs: has an effect with --method lcd, sh0 to sh5 or logsh3 only"]);
     refused(&["--tone-width", "64"], &["--tone-width: has an effect with --method hdr-gs only"]);
+    refused(&["--feature-lr", "1"], &["--feature-lr: has an effect with --method gausshdr only"]);
+    refused(&["--method", "gausshdr", "--supervision", "both"], &["trains on captured images alone, expected ldr", "--supervision ldr"]);
+    refused(&["--method", "gausshdr", "--strategy", "mcmc"], &["strategy", "method gausshdr has no other"]);
     refused(&["--method", "hdr-gs", "--batch", "2"], &["batch", "method hdr-gs has no other"]);
+    refused(&["--method", "mono-hdr-gs"], &["captured images of 0.5, 8 s, expected one exposure for all", "--exposures middle"]);
+    refused(&["--method", "hdr-gs", "--cycle-weight", "1"], &["--cycle-weight: has an effect with --method mono-hdr-gs only"]);
+}
+
+#[test]
+fn mono_hdr_gs_trains_measures_renders_exports_and_resumes_like_other_methods() {
+    let place = Workplace::new();
+    record_beside_radiance(&place);
+    place.train("run", &["--method", "mono-hdr-gs", "--exposures", "1"]);
+    let metrics = place.json("run/metrics.json");
+    assert_eq!(metrics["method"], "mono-hdr-gs");
+    let means = |metrics: &serde_json::Value| {
+        let splits = ["test", "test_folded", "test_folded_gain_common", "test_gain_common", "train"];
+        splits.map(|split| metrics["splits"][split]["mean"]["psnr_scene"].as_f64().unwrap())
+    };
+    assert!(means(&metrics).iter().all(|psnr| *psnr > 0.0), "{:?}", means(&metrics));
+    place.ok(&["eval", "run", "--threads", "2"]);
+    assert_eq!(means(&place.json("run/metrics.json")), means(&metrics));
+    // The run's own renders are those that its metrics are of; its scene file has no lift.
+    place.ok(&["render", "run", "-o", "frames", "--threads", "2"]);
+    let render = |path: &str| luxel_io::read_image(&place.path(path), &Default::default()).unwrap().image.pixels;
+    let evaluated = render("run/eval/step_40/renders/000.exr");
+    let worst = evaluated.as_flattened().iter().zip(render("frames/000.exr").as_flattened());
+    assert!(worst.map(|(a, b)| (a - b).abs() / (a.abs() + 1e-3)).fold(0.0, f32::max) < 2e-3);
+    let scene = "run/point_cloud/iteration_40/point_cloud.ply";
+    assert!(place.ok(&["info", scene]).contains("logsh3"));
+    place.ok(&["export", "run", "-o", "scene.glb", "--threads", "2"]);
+    place.ok(&["edit", "run", "-o", "edited.ply", "--compress-above", "1:2"]);
+    place.ok(&["train", "--resume", "-o", "run", "--iterations", "45", "--threads", "2"]);
+    assert_eq!(place.json("run/metrics.json")["iterations"], 45);
+    std::fs::remove_dir_all(place.path("run/checkpoints")).unwrap();
+    place.error(&["eval", "run"], &["the lift to radiance of step 45", "--resume"]);
+}
+
+#[test]
+fn gausshdr_trains_on_captured_images_alone_and_is_a_run_like_others() {
+    let place = Workplace::new();
+    let args = ["train", "data", "-o", "run", "--method", "gausshdr"];
+    place.error(&[&args[..], &QUICK[..]].concat(), &["holds radiance, expected a captured LDR image"]);
+    record(&place);
+    place.train("run", &["--method", "gausshdr"]);
+    let metrics = place.json("run/metrics.json");
+    assert_eq!((&metrics["method"], metrics["splits"]["train"]["views"].as_array().unwrap().len()), (&"gausshdr".into(), 2 * (VIEWS - 2)));
+    let means = |metrics: &serde_json::Value| {
+        ["test", "test_gain_common", "train"].map(|split| metrics["splits"][split]["mean"]["psnr_scene"].as_f64().unwrap())
+    };
+    assert!(means(&metrics).iter().all(|psnr| *psnr > 0.0), "{:?}", means(&metrics));
+    assert_eq!(place.json("run/captures.json")["response"]["recorded"][1].as_array().unwrap().len(), 32);
+    place.ok(&["eval", "run", "--threads", "2"]);
+    assert_eq!(means(&place.json("run/metrics.json")), means(&metrics));
+    place.ok(&["render", "run", "-o", "frames", "--threads", "2"]);
+    assert!(place.ok(&["info", "run/point_cloud/iteration_40/point_cloud.ply"]).contains("logsh3"));
+    place.ok(&["export", "run", "-o", "scene.glb", "--threads", "2"]);
+    place.ok(&["train", "--resume", "-o", "run", "--iterations", "45", "--threads", "2"]);
+    assert_eq!(place.json("run/metrics.json")["iterations"], 45);
+    // The response of a state without captures.json is that of its checkpoint.
+    let before = means(&place.json("run/metrics.json"));
+    std::fs::remove_file(place.path("run/captures.json")).unwrap();
+    place.ok(&["eval", "run", "--threads", "2"]);
+    assert_eq!(means(&place.json("run/metrics.json")), before);
 }
 
 #[test]

@@ -158,7 +158,7 @@ impl<'a> TrainingBuilder<'a> {
 
 fn open_engine(dataset: &Dataset, device: &DeviceOptions, method: Method) -> Result<Box<dyn luxel_core::Engine>> {
     let learns_response = dataset.train.iter().any(|view| view.values != luxel_core::PixelValues::Radiance);
-    Ok(SelectedEngine::for_training(device, learns_response || method.trains_on_pairs())?.engine)
+    Ok(SelectedEngine::for_training(device, learns_response || method.has_own_steps())?.engine)
 }
 
 /// A training in progress: an iterator of steps, which may move to another thread.

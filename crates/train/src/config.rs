@@ -74,7 +74,7 @@ impl TrainConfig {
     /// that train a field, which has no splats to give it to.
     pub fn color_model(&self) -> ColorModel {
         match self.sh_degree() {
-            _ if matches!(self.method, Method::LogSh3 | Method::HdrGs) => ColorModel::LogSh { degree: 3 },
+            _ if matches!(self.method, Method::LogSh3 | Method::HdrGs | Method::GaussHdr) => ColorModel::LogSh { degree: 3 },
             Some(degree) => ColorModel::Sh { degree },
             None => ColorModel::Lcd {
                 chroma_degree: self.chroma_degree.unwrap_or(3),
@@ -86,11 +86,11 @@ impl TrainConfig {
 
     fn sh_degree(&self) -> Option<u8> {
         match self.method {
-            Method::Lcd | Method::LogSh3 | Method::HdrGs | Method::NerfGrid => None,
+            Method::Lcd | Method::LogSh3 | Method::HdrGs | Method::GaussHdr | Method::NerfGrid => None,
             Method::Sh0 => Some(0),
             Method::Sh1 => Some(1),
             Method::Sh2 => Some(2),
-            Method::Sh3 => Some(3),
+            Method::Sh3 | Method::MonoHdrGs => Some(3),
             Method::Sh4 => Some(4),
             Method::Sh5 => Some(5),
         }
@@ -100,7 +100,7 @@ impl TrainConfig {
     pub fn raster(&self) -> RasterConfig {
         let cutoffs = match self.cutoffs {
             // Their rasteriser's cut-offs depend on no colour, as each splat has two.
-            _ if self.method.trains_on_pairs() => Cutoffs::PARITY,
+            _ if self.method.has_own_steps() => Cutoffs::PARITY,
             CutoffPreset::Hdr => Cutoffs::HDR,
             CutoffPreset::Parity => Cutoffs::PARITY,
         };

@@ -46,7 +46,7 @@ pub use contribution::add_contribution;
 pub use error::TrainError;
 pub use init::{Initial, first_colors_bytes, initialise, radiance_scale_of, start_scale};
 pub use neighbourhood::Neighbourhood;
-pub use peers::ToneMapperRecord;
+pub use peers::{ToneMapperRecord, one_exposure};
 pub use pixel_weights::NoiseChoice;
 pub use poses::{ALIGNMENT_STEPS, AlignmentScene, PoseChange, PoseReport, align_camera, pose_change};
 pub use reduce::RankViews;
@@ -54,7 +54,7 @@ pub use resolution::{ResolutionSchedule, Stage};
 pub use schedule::{ABSGRAD_OPACITY_CAP, RESET_OPACITY, Schedule};
 pub use smoothing::smoothing;
 pub use state::{snapshot_method, snapshot_response, snapshot_vignetting};
-pub use trainer::Trainer;
+pub use trainer::{Trainer, lifted_engine, snapshot_scene};
 pub use vignetting::LensVignetting;
 
 /// The example of the crate's README, compiled as a doc test.

@@ -81,6 +81,8 @@ pub(crate) struct Start {
     pub(crate) extent: f32,
     pub(crate) radiance_scale: RadianceScale,
     pub(crate) response: Option<CameraResponse>,
+    /// Number of splats.
+    pub(crate) splats: usize,
     /// Radius of free space of each training view's camera, world units; empty if splats may be
     /// anywhere.
     pub(crate) clearances: Vec<f32>,
@@ -88,7 +90,7 @@ pub(crate) struct Start {
 
 impl State {
     pub(crate) fn new(dataset: &Dataset, start: Start) -> Self {
-        let Start { config, extent, radiance_scale, response, clearances } = start;
+        let Start { config, extent, radiance_scale, response, splats, clearances } = start;
         let (order, cursor) = first_order(dataset.train.len(), config.batch as usize);
         let gains = (config.exposure_compensation != ExposureCompensation::Off).then(|| Gains::ones(dataset.train.len()));
         Self {
@@ -103,7 +105,7 @@ impl State {
             gains,
             response,
             vignetting: config.vignetting.then(|| Vignettings::none(&Lenses::new(dataset))),
-            networks: SharedNetworks::new(&config, dataset),
+            networks: SharedNetworks::new(&config, dataset, splats),
             poses: config.refine_poses.then(|| Corrections::none(&poses_of(dataset, extent), config.refine_focal)),
             clearances,
             order,
@@ -184,7 +186,7 @@ impl State {
         if state.vignetting.is_some() != state.config.vignetting {
             return Err(TrainError::State("vignetting is missing, or is there without being asked for".to_owned()));
         }
-        SharedNetworks::validate(state.networks.as_ref(), &state.config)?;
+        SharedNetworks::validate(state.networks.as_ref(), &state.config, snapshot.scene.splats.len())?;
         if let Some(corrections) = &state.poses {
             corrections.validate(&poses_of(dataset, state.extent), state.config.refine_focal)?;
         }
@@ -192,13 +194,13 @@ impl State {
             return Err(TrainError::State("corrections of poses are missing, or are there without being asked for".to_owned()));
         }
         let (is_compensated, wanted) = (state.gains.is_some(), state.config.exposure_compensation != ExposureCompensation::Off);
-        if is_compensated != wanted || state.response.is_some() != is_recorded(&dataset.train)? {
+        if is_compensated != wanted || state.response.is_some() != learns_response(dataset, &state.config)? {
             return Err(TrainError::State("gains or a camera's response are missing, or are there without being asked for".to_owned()));
         }
         Ok(state)
     }
 
-    fn parse(json: &str) -> Result<Self, TrainError> {
+    pub(crate) fn parse(json: &str) -> Result<Self, TrainError> {
         /// The version alone, to tell another version from a damaged file.
         #[derive(Deserialize)]
         struct Header {
@@ -231,11 +233,19 @@ pub fn snapshot_method(snapshot: &Snapshot) -> Result<Method, TrainError> {
 /// # Errors
 /// Returns [`TrainError::State`] if the state cannot be read.
 pub fn snapshot_response(snapshot: &Snapshot) -> Result<Option<Knots>, TrainError> {
-    let response = State::parse(&snapshot.state_json)?.response;
+    let State { response, networks, config, .. } = State::parse(&snapshot.state_json)?;
     if let Some(response) = &response {
         response.validate()?;
+        return Ok(Some(response.knots()));
     }
-    Ok(response.as_ref().map(CameraResponse::knots))
+    SharedNetworks::validate(networks.as_ref(), &config, snapshot.scene.splats.len())?;
+    Ok(networks.as_ref().and_then(SharedNetworks::response))
+}
+
+/// Returns whether a run learns the response of a camera: of captured images, unless its method has
+/// networks for that.
+pub(crate) fn learns_response(dataset: &Dataset, config: &TrainConfig) -> Result<bool, TrainError> {
+    Ok(is_recorded(&dataset.train)? && !config.method.has_own_steps())
 }
 
 /// Returns the vignetting of each lens in a snapshot of a run on `dataset`; empty if it is not

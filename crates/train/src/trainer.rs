@@ -12,6 +12,7 @@
 mod aspect;
 mod average;
 mod batch;
+mod captured;
 mod densify;
 mod health;
 mod pairs;
@@ -19,6 +20,8 @@ mod poses;
 mod scene_start;
 mod start;
 mod vignetting;
+
+pub use self::pairs::{lifted_engine, snapshot_scene};
 
 use std::collections::VecDeque;
 
@@ -29,9 +32,9 @@ use luxel_core::{
 
 use self::batch::{SlotView, rates_of_batch, scaled};
 use crate::average::Average;
-use crate::camera_response::CameraResponse;
 use crate::config::Strategy;
 use crate::gains::Gains;
+use crate::peers::{SharedLift, folded};
 use crate::poses::Poses;
 use crate::state::State;
 use crate::views::TrainingViews;
@@ -56,6 +59,9 @@ pub struct Trainer {
     poses: Option<Poses>,
     /// The lenses of the views, if their vignetting is optimised.
     lenses: Option<Lenses>,
+    /// The lift that makes radiance of the splats' colours, if the method lifts them; its engine
+    /// has it, too.
+    lift: Option<SharedLift>,
     /// The connection to the other ranks of a distributed run.
     exchange: Box<dyn Exchange>,
     /// The views of the current step, one a slot of the batch.
@@ -208,7 +214,10 @@ impl Trainer {
     /// Returns the response of the camera that captured the training images, or `None` if the
     /// images are radiance.
     pub fn response(&self) -> Option<Knots> {
-        self.state.response.as_ref().map(CameraResponse::knots)
+        match &self.state.response {
+            Some(response) => Some(response.knots()),
+            None => self.state.networks.as_ref()?.response(),
+        }
     }
 
     /// Returns the transform from the coordinates of the splats to those of the data set's files.
@@ -235,12 +244,23 @@ impl Trainer {
         }
     }
 
-    /// Returns the current scene.
+    /// Returns the current scene. That of a method that lifts colours to radiance is without the
+    /// lift, of log harmonics that come close to its colours.
     ///
     /// # Errors
     /// Returns [`TrainError::Engine`] if the engine fails.
     pub fn scene(&mut self) -> Result<Scene, TrainError> {
-        Ok(self.scene_and_moments()?.0)
+        let scene = self.scene_and_moments()?.0;
+        Ok(match &self.lift {
+            None => scene,
+            Some(lift) => Scene { splats: folded(&scene.splats, &lift.get(), &self.views.cameras()), ..scene },
+        })
+    }
+
+    /// Returns whether [`Self::engine`] renders other colours than [`Self::scene`] has: those that
+    /// the method lifts to radiance.
+    pub fn lifts_colors(&self) -> bool {
+        self.lift.is_some()
     }
 
     /// Returns everything needed to resume from here bit for bit.

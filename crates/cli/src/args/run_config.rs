@@ -264,9 +264,12 @@ mod tests {
     }
 
     /// Every option that belongs to a choice, with a value, and what makes the choice.
-    const CASES: [(&str, &str, &str); 17] = [
+    const CASES: [(&str, &str, &str); 20] = [
         ("--luminance-lr 0.1", "--method sh3", "--method lcd"),
         ("--tone-width 64", "--method sh3", "--method hdr-gs"),
+        ("--lift-lr 1e-3", "--method hdr-gs", "--method mono-hdr-gs"),
+        ("--cycle-weight 0.1", "--method lcd", "--method mono-hdr-gs"),
+        ("--feature-lr 1e-3", "--method hdr-gs", "--method gausshdr"),
         ("--turnover 0.2", "--strategy mcmc", "--strategy adc"),
         ("--densify-threshold 1e-3", "--strategy mcmc", "--strategy adc"),
         ("--percent-dense 0.1", "--strategy mcmc", "--strategy adc"),

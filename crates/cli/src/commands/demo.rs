@@ -46,7 +46,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
     output::check_folder_name(&args.output, &output::RESULT_EXTENSIONS)?;
     let folder = RunFolder::at(&args.output);
     may_replace(&folder)?;
-    if args.method.trains_on_pairs() {
+    if args.method.has_own_steps() {
         bail!("--method {}: the demo's data set has no captured images beside its radiance; choose another method", args.method.name());
     }
     let config = config(args);

@@ -11,7 +11,7 @@ use luxel::edit::StackInputs;
 use luxel::output::{self, FrameForm, FrameState, Recipe};
 use luxel::preview::{self, Look};
 use luxel::run::evaluation::unique_stems;
-use luxel::run::{ExplicitArgs, FrameProgress};
+use luxel::run::{ExplicitArgs, FrameProgress, state};
 use luxel::{Device, FAR_DEPTH, RADIANCE_SCALE, files, text};
 use luxel_core::edit::EditStack;
 use luxel_core::{Camera, ColorSpace, Conversion, Engine, Layers, RasterConfig, RenderOptions, Scene};
@@ -49,22 +49,41 @@ fn stack(args: &RenderArgs) -> Result<Option<EditStack>> {
     })
 }
 
-/// The engine that renders, and the digest of the field that it holds, if it is one.
+/// The engine that renders.
 struct OpenEngine {
     engine: Box<dyn Engine>,
-    field_digest: Option<String>,
+    content: Content,
 }
 
-/// Opens the engine, and puts a radiance field into it.
-fn open_engine(args: &RenderArgs, source: &mut SceneSource) -> Result<OpenEngine> {
+/// The content of the engine.
+enum Content {
+    /// Nothing yet: splats come in after edits.
+    Nothing,
+    /// A radiance field of this digest.
+    Field(String),
+    /// The run's splats, whose colours it lifts to radiance.
+    Lifted,
+}
+
+/// Opens the engine, and puts a radiance field or a scene of lifted colours into it.
+fn open_engine(args: &RenderArgs, source: &mut SceneSource, console: &Console) -> Result<OpenEngine> {
+    let is_edited = args.edit.is_some() || args.edits.is_some();
+    if let Some((folder, config)) = source.run.as_ref().filter(|(_, config)| config.train.method.lifts_colors()) {
+        if is_edited {
+            console.note("edits are of the scene file, whose colours come close to those that the method lifts to radiance");
+            return Ok(OpenEngine { engine: engine::engine(&device(args))?.engine, content: Content::Nothing });
+        }
+        let selected = engine::engine_of(&device(args), Some(config))?;
+        return Ok(OpenEngine { engine: state::load_newest(folder, config, selected, console)?.selected.engine, content: Content::Lifted });
+    }
     let selected = engine::engine_of(&device(args), source.run.as_ref().map(|(_, config)| config))?;
-    let Some(field) = source.field.take() else { return Ok(OpenEngine { engine: selected.engine, field_digest: None }) };
-    if let (Some((folder, _)), true) = (&source.run, args.edit.is_some() || args.edits.is_some()) {
+    let Some(field) = source.field.take() else { return Ok(OpenEngine { engine: selected.engine, content: Content::Nothing }) };
+    if let (Some((folder, _)), true) = (&source.run, is_edited) {
         // Edits are of splats.
         luxel::field::refuse_field(folder)?;
     }
-    let field_digest = Some(field.digest());
-    Ok(OpenEngine { engine: field.into_engine(selected)?.engine, field_digest })
+    let content = Content::Field(field.digest());
+    Ok(OpenEngine { engine: field.into_engine(selected)?.engine, content })
 }
 
 /// Renders the images that are not there; `explicit` names the options that were given.
@@ -77,7 +96,7 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     let mut source = SceneSource::open_to_render(&args.input.scene, &console)?;
     let request = DataRequest::new(&args.input, explicit);
     let shots = shots::shots(args, request, &source, &console)?;
-    let OpenEngine { mut engine, field_digest } = open_engine(args, &mut source)?;
+    let OpenEngine { mut engine, content } = open_engine(args, &mut source, &console)?;
     if let Some(stack) = stack(args)? {
         let masks = masks::mask_shares(&stack.selecting(), &source, request, engine.as_mut(), &console)?;
         let removed = masks::removed(&stack, &source, &masks, request, engine.as_mut(), &console)?;
@@ -92,8 +111,10 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
         .then(|| shots.all.iter().map(|shot| shot.in_world(scene)).collect::<Vec<_>>());
     let written = shots::file_of_cameras(args, &shots, cameras.as_deref())?;
     let mut recipe = recipe(args, scene, &options);
-    if let Some(digest) = &field_digest {
-        recipe = recipe.with("field", digest);
+    match &content {
+        Content::Nothing => {}
+        Content::Field(digest) => recipe = recipe.with("field", digest),
+        Content::Lifted => recipe = recipe.with("colors", "lifted"),
     }
     let all = jobs(args, shots, &recipe, &console)?;
     let jobs = unmade(&all, args.overwrite)?;
@@ -113,7 +134,7 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     if let Some(written) = written {
         written.write(args.overwrite, &console)?;
     }
-    if field_digest.is_none() {
+    if matches!(content, Content::Nothing) {
         engine.load(&scene.splats, None).context("cannot load the scene")?;
     }
     let mut too_bright = 0usize;

@@ -3,6 +3,7 @@
 use anyhow::{Context, Result, ensure};
 use luxel::run::RunConfig;
 use luxel::{Device, DeviceOptions, InstructionSet, SelectedEngine, Supervision};
+use luxel_train::NamedChoice;
 
 use crate::args::DeviceArgs;
 
@@ -12,14 +13,18 @@ pub(crate) fn engine(args: &DeviceArgs) -> Result<SelectedEngine> {
     worded(&options, SelectedEngine::open(&options))
 }
 
-/// Opens the engine for a run's newest state, or a scene without a run: a radiance field is
-/// rendered on the processor.
+/// Opens the engine for a run's newest state, or a scene without a run: a radiance field and lifted
+/// colours are rendered on the processor.
 pub(crate) fn engine_of(args: &DeviceArgs, run: Option<&RunConfig>) -> Result<SelectedEngine> {
-    if run.is_some_and(|config| config.train.method.is_field()) {
-        let options = args.options();
-        return worded(&options, luxel::field::open_processor(&options));
+    let options = args.options();
+    match run.map(|config| config.train.method) {
+        Some(method) if method.is_field() => worded(&options, luxel::field::open_processor(&options)),
+        Some(method) if method.lifts_colors() => {
+            let reason = format!("method {} lifts colours to radiance on the CPU", method.name());
+            worded(&options, SelectedEngine::on_processor(&options, &reason))
+        }
+        _ => engine(args),
     }
-    engine(args)
 }
 
 /// Opens the engine for training.
@@ -27,7 +32,7 @@ pub(crate) fn training_engine(config: &RunConfig) -> Result<SelectedEngine> {
     if config.train.method.is_field() {
         return worded(&config.device, luxel::field::open_processor(&config.device));
     }
-    let has_own_steps = config.train.method.trains_on_pairs();
+    let has_own_steps = config.train.method.has_own_steps();
     let needs_cpu = config.load.supervision == Supervision::Ldr || has_own_steps;
     let mut selected = worded(&config.device, SelectedEngine::for_training(&config.device, needs_cpu))?;
     if has_own_steps && config.device.device == Device::Auto {

@@ -55,6 +55,8 @@ pub enum Exposures {
     All,
     /// One of each pose, the next pose's the next in turn.
     Single,
+    /// The middle one of each pose; of an even number the shorter of the two in the middle.
+    Middle,
     /// These, counted from 0.
     Of(Vec<usize>),
 }
@@ -67,8 +69,9 @@ impl FromStr for Exposures {
         match (text, list) {
             ("all", _) => Ok(Self::All),
             ("single", _) => Ok(Self::Single),
+            ("middle", _) => Ok(Self::Middle),
             (_, Ok(list)) => Ok(Self::Of(list)),
-            _ => Err(format!("\"{text}\" names no exposures, expected all, single, or numbers from 0 such as 0,2,4")),
+            _ => Err(format!("\"{text}\" names no exposures, expected all, single, middle, or numbers from 0 such as 0,2,4")),
         }
     }
 }
@@ -78,6 +81,7 @@ impl fmt::Display for Exposures {
         match self {
             Self::All => f.write_str("all"),
             Self::Single => f.write_str("single"),
+            Self::Middle => f.write_str("middle"),
             Self::Of(list) => f.write_str(&list.iter().map(usize::to_string).collect::<Vec<_>>().join(",")),
         }
     }
@@ -261,6 +265,7 @@ pub(super) fn choose<T>(frames: Vec<T>, of: impl Fn(&T) -> &SourceFrame, exposur
             is_chosen[i] = match exposures {
                 Exposures::All => true,
                 Exposures::Single => place == turn % count,
+                Exposures::Middle => place == (count - 1) / 2,
                 Exposures::Of(places) => places.contains(&place),
             };
         }
@@ -274,7 +279,9 @@ mod tests {
 
     #[test]
     fn exposures_are_read_from_text() {
-        for (text, choice) in [("all", Exposures::All), ("single", Exposures::Single), ("0,2,4", Exposures::Of(vec![0, 2, 4]))] {
+        for (text, choice) in
+            [("all", Exposures::All), ("single", Exposures::Single), ("middle", Exposures::Middle), ("0,2,4", Exposures::Of(vec![0, 2, 4]))]
+        {
             assert_eq!((text.parse(), choice.to_string().as_str()), (Ok(choice), text));
         }
         assert!("one".parse::<Exposures>().unwrap_err().contains("expected all, single"));

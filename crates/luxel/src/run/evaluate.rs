@@ -107,6 +107,7 @@ pub fn evaluate_run(
         test_alignment = Some(aligned.report);
     }
     named.extend(rendering.evaluate_fitted(config, &dataset.test)?);
+    named.extend(rendering.evaluate_folded(config.train.method.lifts_colors().then_some(&scene), threads, &dataset.test)?);
     observer.event(Event::StepsEnd);
     let splits = named.iter().map(|(name, split)| ((*name).to_owned(), split.clone())).collect();
     let log = log::read(&folder.log())?;

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use luxel_core::{ColorSpace, Dataset, Engine, Image, Knots, LossWeights, PixelValues, RadianceScale, RenderOptions, View};
+use luxel_core::{ColorSpace, Dataset, Engine, Image, Knots, LossWeights, PixelValues, RadianceScale, RenderOptions, Scene, View};
 use luxel_io::{ExrOptions, ExrSample};
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips, Measures, SplitMetrics};
@@ -15,7 +15,7 @@ use super::RunConfig;
 use crate::Result;
 use crate::error::Context;
 use crate::radiance::RADIANCE_SCALE;
-use crate::{Event, Observer};
+use crate::{Device, Event, Observer, SelectedEngine};
 
 /// `metrics.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -70,7 +70,9 @@ pub struct Metrics {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub vignetting: Vec<LensVignetting>,
     /// `test`, and at the end of training `train`; where poses were refined, `test_aligned`; where
-    /// a capture leaves gains open, `test_gain_common` or `test_gain_per_view` too.
+    /// a capture leaves gains open, `test_gain_common` or `test_gain_per_view` too; where the
+    /// method lifts colours, `test_folded` and `test_folded_gain_common`, of the scene without the
+    /// lift.
     pub splits: BTreeMap<String, SplitMetrics>,
 }
 
@@ -103,6 +105,10 @@ pub struct Rendering<'a> {
 
 /// Name of the split of test views that were aligned to the scene.
 pub const TEST_ALIGNED: &str = "test_aligned";
+
+/// Names of the splits of test views as the scene file shows them where the method lifts colours to
+/// radiance: without the lift, as they are and after one gain for all views.
+const FOLDED: [(&str, GainFit<'static>); 2] = [("test_folded", GainFit::None), ("test_folded_gain_common", GainFit::Common)];
 
 /// Test views that were aligned to a scene.
 #[derive(Clone, Debug)]
@@ -157,6 +163,40 @@ impl Rendering<'_> {
         let mut splits = Vec::new();
         for (name, fit) in due_fits(config, views) {
             splits.extend(self.evaluate(views, None, fit)?.map(|split| (name, split)));
+        }
+        Ok(splits)
+    }
+
+    /// Measures the test views as the scene file of a method shows them that lifts colours to
+    /// radiance; none without one. Returns the metrics by name of the split.
+    ///
+    /// # Errors
+    /// As [`Self::evaluate`].
+    pub fn evaluate_folded(&mut self, folded: Option<&Scene>, threads: usize, views: &[View]) -> Result<Vec<(&'static str, SplitMetrics)>> {
+        let Some(folded) = folded else { return Ok(Vec::new()) };
+        let device = Device::Cpu.with_threads(u32::try_from(threads).unwrap_or(1).max(1));
+        let mut engine = SelectedEngine::open(&device)?.engine;
+        engine.load(&folded.splats, None).context("cannot load the scene")?;
+        let mut rendering = Rendering {
+            engine: engine.as_mut(),
+            response: self.response,
+            log_gains: self.log_gains.clone(),
+            progress: self.progress,
+            options: self.options,
+            radiance_scale: self.radiance_scale,
+            mu: self.mu,
+            color_space: self.color_space,
+            peak_luminance: self.peak_luminance,
+            flip: self.flip,
+            lpips: self.lpips,
+        };
+        let mut splits = Vec::new();
+        for (name, fit) in FOLDED {
+            splits.extend(rendering.evaluate(views, None, fit)?.map(|split| (name, split)));
+        }
+        let done = rendering.progress.map(|progress| progress.done);
+        if let (Some(progress), Some(done)) = (&mut self.progress, done) {
+            progress.done = done;
         }
         Ok(splits)
     }
@@ -248,7 +288,8 @@ fn due_fits(config: &RunConfig, views: &[View]) -> Vec<(&'static str, GainFit<'s
 /// test views for each fit.
 pub(super) fn count_frames(config: &RunConfig, dataset: &Dataset) -> u32 {
     let aligned = usize::from(config.train.refine_poses);
-    let test = dataset.test.len() * (1 + aligned + due_fits(config, &dataset.test).len());
+    let folded = if config.train.method.lifts_colors() { FOLDED.len() } else { 0 };
+    let test = dataset.test.len() * (1 + aligned + folded + due_fits(config, &dataset.test).len());
     u32::try_from(test + dataset.train.len()).unwrap_or(u32::MAX)
 }
 

@@ -152,7 +152,7 @@ impl RunConfig {
         };
         let cutoffs = Group {
             choice: Choice { option: "method", value: "lcd, sh0 to sh5 or logsh3" },
-            is_made: !self.train.method.trains_on_pairs(),
+            is_made: !self.train.method.has_own_steps(),
             options: vec!["cutoffs"],
         };
         let by_condition = Condition::ALL.into_iter().map(|condition| self.group(condition));

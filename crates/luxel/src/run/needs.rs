@@ -64,7 +64,7 @@ impl RunMemory {
         let pixel_bytes = STEP_PIXEL_BYTES + if train.vignetting { VIGNETTED_PIXEL_BYTES } else { 0 };
         let step = pixel_bytes * step_samples + tile_bytes.min(TILE_PIXEL_BYTES * step_samples);
         let measurement = (RENDER_PIXEL_BYTES * samples + MEASURED_PIXEL_BYTES) * plan.largest_px;
-        let gradients = match train.method.trains_on_pairs() {
+        let gradients = match train.method.has_own_steps() {
             // A copy of the splats, and gradients by parts and as a whole.
             true => 3,
             // Those of each view, and their sum.

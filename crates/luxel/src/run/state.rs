@@ -66,7 +66,13 @@ pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32,
                 file.warnings.iter().for_each(|warning| observer.warn(&format!("{}: {warning}", path.display())));
                 file.scene
             }),
-            Source::Checkpoint(path) => luxel_io::read_checkpoint(&path).map(|snapshot| snapshot.scene),
+            Source::Checkpoint(path) => match luxel_io::read_checkpoint(&path) {
+                Ok(snapshot) => {
+                    let scene = luxel_train::snapshot_scene(snapshot).with_context(|| format!("{}: no scene", path.display()))?;
+                    return Ok((u32::try_from(iteration)?, scene));
+                }
+                Err(error) => Err(error),
+            },
         };
         match scene {
             Ok(scene) => return Ok((u32::try_from(iteration)?, scene)),
@@ -76,11 +82,12 @@ pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32,
     Err(Error::new(format!("{}: the run has no readable scene yet", folder.root().display())).with_remedy(continue_run()))
 }
 
-/// A run's newest scene or field, in an engine that renders it.
+/// A run's newest scene or field, in an engine that renders it as its method does.
 pub struct LoadedRun {
     /// Steps of training.
     pub iteration: u32,
-    /// The scene; that of a field has its units and place, and no splats.
+    /// The scene; that of a field has its units and place, and no splats. That of a method that
+    /// lifts colours is without the lift, which the engine has.
     pub scene: Scene,
     /// The engine.
     pub selected: SelectedEngine,
@@ -89,10 +96,12 @@ pub struct LoadedRun {
 }
 
 /// Loads a run's newest state that can be read, of splats or of a field, for rendering. A field is
-/// rendered on the processor: `selected` says with how many threads.
+/// rendered on the processor: `selected` says with how many threads. Colours that a method lifts
+/// are lifted as in training, by the checkpoint of that step.
 ///
 /// # Errors
-/// A run without a readable state; an engine of a GPU for a field; a device that gave up.
+/// A run without a readable state; an engine of a GPU for a field; a device that gave up; a
+/// checkpoint that is not there where colours are lifted.
 pub fn load_newest(folder: &RunFolder, config: &RunConfig, mut selected: SelectedEngine, observer: &dyn Observer) -> Result<LoadedRun> {
     if config.train.method.is_field() {
         let (iteration, field) = crate::field::newest_field(folder, observer)?;
@@ -100,6 +109,12 @@ pub fn load_newest(folder: &RunFolder, config: &RunConfig, mut selected: Selecte
         return Ok(LoadedRun { iteration, scene, selected: field.into_engine(selected)?, field_parameters });
     }
     let (iteration, scene) = newest_scene(folder, observer)?;
+    if config.train.method.lifts_colors() {
+        let (path, snapshot) = snapshot_of(folder, iteration, "the lift to radiance")?;
+        let lifted = luxel_train::lifted_engine(&snapshot, selected.engine).with_context(|| format!("{}: no lift", path.display()))?;
+        let engine = lifted.with_context(|| format!("{}: its method lifts no colours", path.display()))?;
+        return Ok(LoadedRun { iteration, scene, selected: SelectedEngine { engine, ..selected }, field_parameters: None });
+    }
     selected.engine.load(&scene.splats, None).context("cannot load the scene")?;
     Ok(LoadedRun { iteration, scene, selected, field_parameters: None })
 }

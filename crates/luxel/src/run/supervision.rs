@@ -2,33 +2,52 @@
 //!
 //! In: a configuration. Out: the kind that the method implies; an error where another is given.
 
-use luxel_io::Supervision;
+use luxel_io::{Exposures, Supervision};
+use luxel_train::Method;
 
 use super::{ExplicitArgs, RunConfig};
 use crate::{Error, Remedy, Result};
 
 impl RunConfig {
-    /// Reads captured images beside radiance if the method trains on both, unless the kind of
-    /// images is explicit.
+    /// Reads the kind of images that the method trains on if it has a choice of one, unless the
+    /// kind is explicit.
     pub fn imply_supervision(&mut self, explicit: &ExplicitArgs) {
-        if self.train.method.trains_on_pairs() && !explicit.contains("supervision") {
-            self.load.supervision = Supervision::Both;
+        if let Some(supervision) = supervision_of(self.train.method).filter(|_| !explicit.contains("supervision")) {
+            self.load.supervision = supervision;
+        }
+    }
+
+    /// Reads the middle exposure of each pose if the method sees one exposure and none is chosen:
+    /// for tables, whose other methods read all.
+    pub(crate) fn imply_exposure(&mut self) {
+        if self.train.method.needs_one_exposure() && self.load.exposures == Exposures::All {
+            self.load.exposures = Exposures::Middle;
         }
     }
 
     /// Checks that the kind of images is the one that the method trains on.
     pub(super) fn check_supervision(&self) -> Result<()> {
-        let (method, is_pairs) = (self.method_name(), self.load.supervision == Supervision::Both);
-        match self.train.method.trains_on_pairs() {
-            true if !is_pairs => {
-                let message = format!("supervision: method {method} trains on captured images beside radiance, expected both");
-                Err(Error::new(message).with_remedy(Remedy::set("supervision", "both").or(Remedy::leave_out("supervision"))))
-            }
-            false if is_pairs => {
+        let (method, found) = (self.method_name(), self.load.supervision);
+        let (images, name) = match supervision_of(self.train.method) {
+            Some(wanted) if wanted == found => return Ok(()),
+            None if found != Supervision::Both => return Ok(()),
+            None => {
                 let message = format!("supervision: found both, method {method} trains on one kind of images");
-                Err(Error::new(message).with_remedy(Remedy::set("supervision", "hdr").or(Remedy::set("method", "hdr-gs"))))
+                return Err(Error::new(message).with_remedy(Remedy::set("supervision", "hdr").or(Remedy::set("method", "hdr-gs"))));
             }
-            _ => Ok(()),
-        }
+            Some(Supervision::Both) => ("captured images beside radiance", "both"),
+            Some(_) => ("captured images alone", "ldr"),
+        };
+        let message = format!("supervision: method {method} trains on {images}, expected {name}");
+        Err(Error::new(message).with_remedy(Remedy::set("supervision", name).or(Remedy::leave_out("supervision"))))
+    }
+}
+
+/// Returns the one kind of images that a method trains on; `None` if it trains on either.
+fn supervision_of(method: Method) -> Option<Supervision> {
+    match method {
+        _ if method.trains_on_pairs() => Some(Supervision::Both),
+        Method::GaussHdr => Some(Supervision::Ldr),
+        _ => None,
     }
 }

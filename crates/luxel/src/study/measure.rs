@@ -85,22 +85,25 @@ pub(super) fn measure(
     device: &DeviceOptions,
     observer: &dyn Observer,
 ) -> Result<Vec<Failure>> {
-    let place = |of_field| engine_of(of_field, device).map(|selected| selected.computed_by);
-    let (of_splats, of_fields) = (place(false)?, place(true)?);
+    let place = |on_cpu| engine_of(on_cpu, device).map(|selected| selected.computed_by);
+    let (of_splats, on_cpu) = (place(false)?, place(true)?);
     let is_open = |cell: &Cell| {
-        let computed_by = if cell.config.train.method.is_field() { &of_fields } else { &of_splats };
+        let computed_by = if cell.config.train.method.renders_on_cpu() { &on_cpu } else { &of_splats };
         read(cell).is_none_or(|measured| !options.are_covered_by(&measured) || measured.computed_by != *computed_by)
     };
     let cells = finished.iter().filter_map(|&i| matrix.cells.get(i));
     let mut todo: Vec<&Cell> = cells.filter(|cell| is_open(cell)).collect();
     // One data set after another, so that each is read once and one is held.
-    todo.sort_by_key(|cell| (cell.source, cell.config.train.method.trains_on_pairs()));
+    todo.sort_by_key(|cell| {
+        let method = cell.config.train.method;
+        (cell.source, method.trains_on_pairs(), method.has_own_steps())
+    });
     let mut dataset: Option<HeldDataset> = None;
     let mut failures = Vec::new();
     for cell in todo {
         let name = cell.name(matrix);
         let measured = dataset_of(&mut dataset, cell, observer)
-            .and_then(|dataset| options.measure(cell, dataset, engine_of(cell.config.train.method.is_field(), device)?, observer))
+            .and_then(|dataset| options.measure(cell, dataset, engine_of(cell.config.train.method.renders_on_cpu(), device)?, observer))
             .and_then(|measured| files::write_json(&cell.folder.measured(), schema::MEASURED, &measured).map(|()| measured));
         match measured {
             Ok(Measured { frames_per_second: Some(fps), .. }) => observer.note(&format!("{name}: {fps:.1} frames per second")),
@@ -115,9 +118,9 @@ pub(super) fn measure(
     Ok(failures)
 }
 
-/// Opens what renders splats, or the processor, which renders fields.
-fn engine_of(field: bool, device: &DeviceOptions) -> Result<SelectedEngine> {
-    if field { SelectedEngine::open(&DeviceOptions { device: Device::Cpu, ..device.clone() }) } else { SelectedEngine::open(device) }
+/// Opens what renders splats, or the processor, which renders fields and lifted colours.
+fn engine_of(on_cpu: bool, device: &DeviceOptions) -> Result<SelectedEngine> {
+    if on_cpu { SelectedEngine::open(&DeviceOptions { device: Device::Cpu, ..device.clone() }) } else { SelectedEngine::open(device) }
 }
 
 /// The data set in memory.

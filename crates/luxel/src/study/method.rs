@@ -1,12 +1,12 @@
 //! Methods by name: the rows of the tables.
 //!
-//! In: `nerf-grid`, a radiance field, with `-linear` for the loss of linear radiance; `hdr-gs`,
-//! which trains on captured images beside radiance; `sh0` to `sh5`; `logsh3`; `lcd` with parts
-//! behind it in any order: `-exp` or `-relu` for the activation (softplus without), `-lN` for the
-//! degree to which luminance varies with the view (0 without), `-cN` for the degree of
-//! chromaticity (3 without). Out: the method, which has one name ([`StudyMethod::name`]), and
-//! options of training. A name determines the whole method: `lcd` is the paper's whatever the
-//! defaults of training are.
+//! In: `nerf-grid`, a radiance field, with `-linear` for the loss of linear radiance; `hdr-gs` and
+//! `mono-hdr-gs`, which train on captured images beside radiance, `gausshdr` on those alone; `sh0`
+//! to `sh5`; `logsh3`; `lcd` with parts behind it in any order: `-exp` or `-relu` for the
+//! activation (softplus without), `-lN` for the degree to which luminance varies with the view (0
+//! without), `-cN` for the degree of chromaticity (3 without). Out: the method, which has one name
+//! ([`StudyMethod::name`]), and options of training. A name determines the whole method: `lcd` is
+//! the paper's whatever the defaults of training are.
 
 use luxel_core::{Activation, ColorModel};
 use luxel_train::{FieldLoss, Method, NamedChoice, TrainConfig};
@@ -22,8 +22,8 @@ const CHROMA_DEGREE: u8 = 3;
 pub enum StudyMethod {
     /// Splats of this colour model.
     Splats(ColorModel),
-    /// Splats that are trained on radiance and captured images of the same poses.
-    Pairs(Method),
+    /// Splats that are trained by steps of their method's own, on captured images.
+    OwnSteps(Method),
     /// A radiance field on a hash grid.
     Field {
         /// The method.
@@ -38,7 +38,7 @@ impl StudyMethod {
     pub fn name(self) -> String {
         match self {
             Self::Splats(model) => model.name(),
-            Self::Pairs(method) => method.name().to_owned(),
+            Self::OwnSteps(method) => method.name().to_owned(),
             Self::Field { method, loss } => match loss {
                 None => method.name().to_owned(),
                 Some(loss) => format!("{}-{}", method.name(), loss.name()),
@@ -50,7 +50,7 @@ impl StudyMethod {
     pub fn color_model(self) -> Option<ColorModel> {
         match self {
             Self::Splats(model) => Some(model),
-            Self::Pairs(method) => Some(TrainConfig { method, ..TrainConfig::default() }.color_model()),
+            Self::OwnSteps(method) => Some(TrainConfig { method, ..TrainConfig::default() }.color_model()),
             Self::Field { .. } => None,
         }
     }
@@ -75,8 +75,8 @@ pub fn parse_method(text: &str) -> Result<StudyMethod, String> {
     if let Some(field) = field(text) {
         return Ok(field);
     }
-    if let Some(method) = Method::from_name(text).filter(|method| method.trains_on_pairs()) {
-        return Ok(StudyMethod::Pairs(method));
+    if let Some(method) = Method::from_name(text).filter(|method| method.has_own_steps()) {
+        return Ok(StudyMethod::OwnSteps(method));
     }
     let degree = || text.strip_prefix("sh").filter(|degree| degree.len() == 1)?.parse().ok();
     let model = match degree() {
@@ -86,7 +86,7 @@ pub fn parse_method(text: &str) -> Result<StudyMethod, String> {
     };
     model.filter(|model| model.is_valid()).map(StudyMethod::Splats).ok_or_else(|| {
         format!(
-            "unknown method \"{text}\", expected table1, table2, nerf-grid, nerf-grid-linear, hdr-gs, sh0 to sh5, logsh3, or lcd with -exp or -relu, -l0 to -l3, -c0 to -c5 after it: lcd-exp, lcd-c2-l1"
+            "unknown method \"{text}\", expected table1, table2, nerf-grid, nerf-grid-linear, hdr-gs, mono-hdr-gs, gausshdr, sh0 to sh5, logsh3, or lcd with -exp or -relu, -l0 to -l3, -c0 to -c5 after it: lcd-exp, lcd-c2-l1"
         )
     })
 }
@@ -130,7 +130,7 @@ fn lcd(text: &str) -> Option<ColorModel> {
 pub(super) fn with_method(options: &TrainConfig, method: StudyMethod) -> TrainConfig {
     let model = match method {
         StudyMethod::Splats(model) => model,
-        StudyMethod::Pairs(method) => {
+        StudyMethod::OwnSteps(method) => {
             let (activation, chroma_degree, luminance_degree, field_loss) = (None, None, None, None);
             return TrainConfig { method, activation, chroma_degree, luminance_degree, field_loss, ..options.clone() };
         }
@@ -161,7 +161,9 @@ pub(super) fn with_method(options: &TrainConfig, method: StudyMethod) -> TrainCo
 pub(super) fn description(method: StudyMethod) -> String {
     let model = match method {
         StudyMethod::Splats(model) => model,
-        StudyMethod::Pairs(_) => return "HDR-GS".into(),
+        StudyMethod::OwnSteps(Method::GaussHdr) => return "GaussHDR, plain splats".into(),
+        StudyMethod::OwnSteps(Method::MonoHdrGs) => return "Mono-HDR-GS".into(),
+        StudyMethod::OwnSteps(_) => return "HDR-GS".into(),
         StudyMethod::Field { loss: Some(FieldLoss::Linear), .. } => return "NeRF, hash grid, loss of radiance".into(),
         StudyMethod::Field { .. } => return "NeRF, hash grid".into(),
     };
@@ -223,12 +225,14 @@ mod tests {
     }
 
     #[test]
-    fn methods_of_pairs_are_methods_too() {
-        let method = parse_method("hdr-gs").unwrap();
-        assert_eq!((method, method.name().as_str()), (StudyMethod::Pairs(Method::HdrGs), "hdr-gs"));
-        let config = with_method(&TrainConfig { luminance_degree: Some(1), ..TrainConfig::default() }, method);
-        assert_eq!((config.method, config.luminance_degree), (Method::HdrGs, None));
-        config.validate().unwrap();
+    fn methods_with_steps_of_their_own_are_methods_too() {
+        for (name, expected) in [("hdr-gs", Method::HdrGs), ("mono-hdr-gs", Method::MonoHdrGs), ("gausshdr", Method::GaussHdr)] {
+            let method = parse_method(name).unwrap();
+            assert_eq!((method, method.name().as_str()), (StudyMethod::OwnSteps(expected), name));
+            let config = with_method(&TrainConfig { luminance_degree: Some(1), ..TrainConfig::default() }, method);
+            assert_eq!((config.method, config.luminance_degree), (expected, None));
+            config.validate().unwrap();
+        }
     }
 
     #[test]

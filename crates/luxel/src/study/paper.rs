@@ -49,9 +49,9 @@ const METHODS: [PaperMethod; 10] = [
     PaperMethod { name: "3DGS-D5", here: Some("sh5") },
     PaperMethod { name: "HDR-NeRF", here: None },
     PaperMethod { name: "HDR-GS", here: Some("hdr-gs") },
-    PaperMethod { name: "Mono-HDR-GS", here: None },
+    PaperMethod { name: "Mono-HDR-GS", here: Some("mono-hdr-gs") },
     PaperMethod { name: "Mono-HDR-NeRF", here: None },
-    PaperMethod { name: "GaussHDR", here: None },
+    PaperMethod { name: "GaussHDR", here: Some("gausshdr") },
     PaperMethod { name: "LCD-GS", here: Some("lcd") },
 ];
 

@@ -110,6 +110,12 @@ choices! {
         /// HDR-GS (Cai et al. 2024): log harmonics, and networks from log radiance and exposure to
         /// captured images, which are trained on beside the radiance
         HdrGs: "hdr-gs",
+        /// Mono-HDR-GS (Zhang et al. 2025): harmonics of captured values of one exposure, which
+        /// networks lift to radiance
+        MonoHdrGs: "mono-hdr-gs",
+        /// GaussHDR (Liu et al. 2025) on plain splats: log harmonics and context features, which
+        /// global and local tone networks map to the captured images that alone are trained on
+        GaussHdr: "gausshdr",
         /// No splats: a radiance field on a hash grid, of softplus radiance (NeRF)
         NerfGrid: "nerf-grid",
     }
@@ -217,7 +223,27 @@ impl NamedChoice for Antialias {
 impl Method {
     /// Returns whether steps see a captured image beside the radiance of its pose.
     pub fn trains_on_pairs(self) -> bool {
-        matches!(self, Self::HdrGs)
+        matches!(self, Self::HdrGs | Self::MonoHdrGs)
+    }
+
+    /// Returns whether its steps are its own, over the engine's rasteriser with gradients.
+    pub fn has_own_steps(self) -> bool {
+        self.trains_on_pairs() || self == Self::GaussHdr
+    }
+
+    /// Returns whether splats hold captured values, whose colours the method lifts to radiance.
+    pub fn lifts_colors(self) -> bool {
+        self == Self::MonoHdrGs
+    }
+
+    /// Returns whether its own scene is rendered on the CPU alone.
+    pub fn renders_on_cpu(self) -> bool {
+        self.is_field() || self.lifts_colors()
+    }
+
+    /// Returns whether the captured images that it sees must all have one exposure.
+    pub fn needs_one_exposure(self) -> bool {
+        self == Self::MonoHdrGs
     }
 
     /// Returns whether the method trains a radiance field, which has no splats.

@@ -139,10 +139,20 @@ options! {
         ldr_weight: f32 = 1.0, "WEIGHT", Range::AtLeast(0), needs: [Pairs];
         /// Scale of radiance under the mu-law in the loss
         hdr_normalisation: HdrNormalisation = HdrNormalisation::Scene, "SCALE", Range::Any, needs: [Pairs];
+        /// Weight of the loss of captured values that a network makes of the rendered radiance
+        cycle_weight: f32 = 0.05, "WEIGHT", Range::AtLeast(0), needs: [MonoHdrGs];
+        /// Learning rate of the network from radiance to captured values
+        cycle_lr: f32 = 1e-5, "RATE", Range::Positive, needs: [MonoHdrGs];
+        /// Number of hidden units of the networks that lift captured values to radiance
+        lift_width: u32 = 128, "N", Range::Limits { min: 1, max: 1024 }, needs: [MonoHdrGs];
+        /// Learning rate of the networks that lift captured values to radiance
+        lift_lr: f32 = 5e-4, "RATE", Range::Positive, needs: [MonoHdrGs];
         /// Number of hidden units of the tone mapping networks
-        tone_width: u32 = 128, "N", Range::Limits { min: 1, max: 1024 }, needs: [Pairs];
-        /// Learning rate of the tone mapping networks
-        tone_lr: f32 = 5e-4, "RATE", Range::Positive, needs: [Pairs];
+        tone_width: u32 = 128, "N", Range::Limits { min: 1, max: 1024 }, needs: [HdrGs];
+        /// Learning rate of the tone mapping networks; that of `gausshdr` falls to a tenth of it
+        tone_lr: f32 = 5e-4, "RATE", Range::Positive, needs: [ToneNetworks];
+        /// Learning rate of the context features of splats
+        feature_lr: f32 = 7.5e-3, "RATE", Range::Positive, needs: [GaussHdr];
     }
     "Captures" {
         /// Optimise gains of the training images with the scene, for exposure or white balance that

@@ -139,11 +139,19 @@ pub enum Condition {
     CapturedImages,
     /// The method trains on captured LDR images beside radiance.
     Pairs,
+    /// The method maps radiance to captured values by networks.
+    ToneNetworks,
+    /// The method is HDR-GS.
+    HdrGs,
+    /// The method is Mono-HDR-GS.
+    MonoHdrGs,
+    /// The method is GaussHDR.
+    GaussHdr,
 }
 
 impl Condition {
     /// All conditions.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 15] = [
         Self::Lcd,
         Self::NerfGrid,
         Self::Adc,
@@ -155,12 +163,16 @@ impl Condition {
         Self::RadianceImages,
         Self::CapturedImages,
         Self::Pairs,
+        Self::ToneNetworks,
+        Self::HdrGs,
+        Self::MonoHdrGs,
+        Self::GaussHdr,
     ];
 
     /// Returns the name of the option that makes the choice.
     pub fn option(self) -> &'static str {
         match self {
-            Self::Lcd | Self::NerfGrid | Self::Pairs => "method",
+            Self::Lcd | Self::NerfGrid | Self::Pairs | Self::ToneNetworks | Self::HdrGs | Self::MonoHdrGs | Self::GaussHdr => "method",
             Self::Adc | Self::Mcmc => "strategy",
             Self::Absgrad => "absgrad",
             Self::Batch => "batch",
@@ -174,7 +186,11 @@ impl Condition {
     pub fn value(self) -> &'static str {
         match self {
             Self::Lcd => "lcd",
-            Self::Pairs => "hdr-gs",
+            Self::Pairs => "hdr-gs or mono-hdr-gs",
+            Self::ToneNetworks => "hdr-gs or gausshdr",
+            Self::HdrGs => "hdr-gs",
+            Self::MonoHdrGs => "mono-hdr-gs",
+            Self::GaussHdr => "gausshdr",
             Self::NerfGrid => "nerf-grid",
             Self::Adc => "adc",
             Self::Mcmc => "mcmc",
@@ -190,6 +206,10 @@ impl Condition {
         match self {
             Self::Lcd => Some(config.method == Method::Lcd),
             Self::Pairs => Some(config.method.trains_on_pairs()),
+            Self::ToneNetworks => Some(matches!(config.method, Method::HdrGs | Method::GaussHdr)),
+            Self::HdrGs => Some(config.method == Method::HdrGs),
+            Self::MonoHdrGs => Some(config.method == Method::MonoHdrGs),
+            Self::GaussHdr => Some(config.method == Method::GaussHdr),
             Self::NerfGrid => Some(config.method == Method::NerfGrid),
             Self::Adc => Some(config.strategy == Strategy::Adc),
             Self::Mcmc => Some(config.strategy == Strategy::Mcmc),

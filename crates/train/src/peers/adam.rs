@@ -40,6 +40,12 @@ impl Adam {
         }
     }
 
+    /// Takes moments to new places: those of the given old ones, 0 where there is none.
+    pub(crate) fn rearrange(&mut self, from: impl Iterator<Item = Option<usize>>) {
+        let moments = from.map(|at| at.map_or((0.0, 0.0), |at| (self.first[at], self.second[at])));
+        (self.first, self.second) = moments.unzip();
+    }
+
     /// Checks moments read from a file.
     pub(crate) fn validate(&self, count: usize) -> Result<(), TrainError> {
         let is_finite = self.first.iter().chain(&self.second).all(|v| v.is_finite());

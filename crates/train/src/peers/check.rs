@@ -1,17 +1,16 @@
-//! The options that the methods on pairs do not have: their steps are their own, and would ignore
-//! them.
+//! The options that methods with steps of their own do not have: these steps would ignore them.
 
 use luxel_core::Antialias;
 
 use crate::config::{ExposureCompensation, Freeze, Strategy};
 use crate::{NamedChoice, TrainConfig, TrainError};
 
-/// Checks that no option is set that a method on pairs does not have.
+/// Checks that no option is set that a method with steps of its own does not have.
 ///
 /// # Errors
 /// [`TrainError::Config`] for the first one.
 pub(crate) fn check_options(config: &TrainConfig) -> Result<(), TrainError> {
-    if !config.method.trains_on_pairs() {
+    if !config.method.has_own_steps() {
         return Ok(());
     }
     let method = config.method.name();
@@ -31,7 +30,7 @@ pub(crate) fn check_options(config: &TrainConfig) -> Result<(), TrainError> {
         TrainConfig { vignetting: true, .. } => refused("vignetting", "true".to_owned(), "false"),
         TrainConfig { refine_poses: true, .. } => refused("refine_poses", "true".to_owned(), "false"),
         TrainConfig { background, .. } if *background != [0.0; 3] => refused("background", format!("{background:?}"), "0"),
-        TrainConfig { ldr_weight, hdr_weight, .. } if *ldr_weight + *hdr_weight == 0.0 => {
+        TrainConfig { ldr_weight, hdr_weight, .. } if config.method.trains_on_pairs() && *ldr_weight + *hdr_weight == 0.0 => {
             Err(TrainError::config("hdr_weight", "found 0 beside an ldr_weight of 0, expected one above 0"))
         }
         _ => Ok(()),

@@ -8,27 +8,15 @@
 //! Gradients of the captured image alone decide where splats are added, as published; of the
 //! radiance, if the captured image has no weight. An image without weight is not rendered.
 
-use luxel_core::engine::{Differentiable, SparseGradients, StepConfig};
-use luxel_core::{LossWeights, Splats, StepReport, View};
+use luxel_core::engine::SparseGradients;
+use luxel_core::{LossWeights, StepReport, View};
 
 use super::image_loss::{Comparison, Planes, compare};
-use super::pair::exposure_of;
+use super::pair::{PairStep, exposure_of};
 use super::radiance_loss::RadianceLoss;
 use super::rasterised::{BlendedImage, ImageGradients, Rasterised};
 use super::tone_mappers::{ToneGradient, ToneMappers, ToneTables};
-use crate::{TrainConfig, TrainError};
-
-/// A step to be computed.
-pub(crate) struct HdrGsStep<'a> {
-    pub(crate) raster: &'a dyn Differentiable,
-    pub(crate) splats: &'a Splats,
-    /// Radiance, with its target.
-    pub(crate) view: &'a View,
-    /// The captured image.
-    pub(crate) recording: &'a View,
-    pub(crate) config: &'a TrainConfig,
-    pub(crate) step: &'a StepConfig,
-}
+use crate::TrainError;
 
 /// The results of a step.
 pub(crate) struct HdrGsGradients {
@@ -39,7 +27,7 @@ pub(crate) struct HdrGsGradients {
 }
 
 /// Adds a part times a factor to a sum.
-fn add(sum: &mut [[f32; 3]], part: &[f32], factor: f32) {
+pub(super) fn add(sum: &mut [[f32; 3]], part: &[f32], factor: f32) {
     sum.as_flattened_mut().iter_mut().zip(part).for_each(|(sum, part)| *sum += factor * part);
 }
 
@@ -56,9 +44,9 @@ pub(super) fn interleaved(by_value: &Planes, factor: f32) -> Vec<[f32; 3]> {
     (0..by_value.values[0].len()).map(|i| by_value.pixel(i).map(|g| factor * g)).collect()
 }
 
-impl HdrGsStep<'_> {
-    /// Computes the gradients.
-    pub(crate) fn gradients(&self, mappers: &ToneMappers) -> Result<HdrGsGradients, TrainError> {
+impl PairStep<'_> {
+    /// Computes the gradients of HDR-GS.
+    pub(crate) fn hdr_gs(&self, mappers: &ToneMappers) -> Result<HdrGsGradients, TrainError> {
         let Self { view, recording, config, step, .. } = self;
         let scene = Rasterised::new(self.raster, self.splats, &view.camera, step)?;
         let colors = scene.colors()?;
@@ -112,93 +100,22 @@ impl HdrGsStep<'_> {
 
 #[cfg(test)]
 mod tests {
-    use luxel_core::engine::{AdamBetas, CameraGradientChoice, LearningRates, ParameterRows, SPLATS_PER_BLOCK, StatsCollection};
-    use luxel_core::random::standard_normal;
-    use luxel_core::{Antialias, ColorModel, Cutoffs, Engine, Image, PixelValues, RasterConfig, RenderOptions, Splat, logit};
-    use luxel_cpu::CpuEngine;
+    use luxel_core::ColorModel;
 
     use super::*;
-    use crate::Method;
-    use crate::testing::{camera_at, view_of};
-
-    const SIDE: u32 = 40;
-
-    /// Splats of a few pixels to half the image, in front of a camera at the origin.
-    fn splats() -> Splats {
-        let mut splats = Splats::empty(ColorModel::LogSh { degree: 1 });
-        for i in 0..20u64 {
-            let [x, y, z] = standard_normal(1, i).map(|v: f32| v);
-            let sh: Vec<f32> = (0..12).map(|k| if k < 3 { 0.0 } else { 0.2 } * standard_normal(2, 20 * i + k)[0] - 0.5).collect();
-            splats.push(&Splat {
-                position: [0.6 * x, 0.6 * y, 4.0 + 0.4 * z],
-                rotation: [1.0, 0.2 * x, 0.1, -0.1],
-                log_scale: [0.25f32.ln() + 0.2 * y, 0.4f32.ln(), 0.3f32.ln()],
-                opacity_logit: logit(0.6),
-                sh: &sh,
-                raw_luminance: &[],
-            });
-        }
-        splats
-    }
-
-    fn step() -> StepConfig {
-        // Where a splat is cut off, its image is not continuous.
-        let cutoffs = Cutoffs { min_alpha: 1e-5, alpha_floor: 1e-5, min_transmittance: 1e-6, ..Cutoffs::PARITY };
-        let raster = RasterConfig { cutoffs, antialias: Antialias::Pixel, samples: 1 };
-        StepConfig {
-            step: 1,
-            render: RenderOptions { raster, background: [0.0; 3], active_degree: 1 },
-            loss: LossWeights { squared_share: 0.5, ..LossWeights::default() },
-            learning_rates: LearningRates::ZERO,
-            betas: AdamBetas::default(),
-            position_noise: None,
-            dropout: None,
-            stats: StatsCollection::Off,
-            camera_gradient: CameraGradientChoice::default(),
-        }
-    }
-
-    /// Changes a number of a splat by its row.
-    fn moved(splats: &Splats, i: usize, row: usize, by: f32) -> Splats {
-        let mut splats = splats.clone();
-        match row {
-            0..3 => splats.position[i][row] += by,
-            3..7 => splats.rotation[i][row - 3] += by,
-            7..10 => splats.log_scale[i][row - 7] += by,
-            ParameterRows::OPACITY => splats.opacity_logit[i] += by,
-            _ => splats.sh[12 * i + row - ParameterRows::SH] += by,
-        }
-        splats
-    }
+    use crate::peers::testing::GradientScene;
+    use crate::{Method, TrainConfig};
 
     #[test]
     fn gradients_of_both_images_by_every_parameter_are_those_of_differences() {
-        let (engine, splats, step) = (CpuEngine::new(2).unwrap(), splats(), step());
-        let camera = camera_at([0.0; 3], [SIDE, SIDE]);
-        let image = |seed: u64| {
-            let pixel = |i: u64| standard_normal(seed, i).map(|v: f32| 0.4 + 0.05 * v.abs() + 0.3 * (i as f32 * 0.01).sin().abs());
-            Image::from_pixels(SIDE as usize, SIDE as usize, (0..u64::from(SIDE * SIDE)).map(pixel).collect()).unwrap()
-        };
-        let view = view_of("a", camera.clone(), image(3));
-        let recording = View { values: PixelValues::Recorded { exposure_s: 2.0 }, ..view_of("a_0", camera, image(4)) };
+        let scene = GradientScene::new(ColorModel::LogSh { degree: 1 });
         let mappers = ToneMappers::new(32, [0.5, 2.0].into_iter(), 9);
         for (ldr_weight, hdr_weight) in [(1.0, 0.0), (1.0, 0.6)] {
             let config = TrainConfig { method: Method::HdrGs, mu: 20.0, ldr_weight, hdr_weight, ..TrainConfig::default() };
-            let of = |splats: &Splats| {
-                let raster = Engine::differentiable(&engine).unwrap();
-                HdrGsStep { raster, splats, view: &view, recording: &recording, config: &config, step: &step }.gradients(&mappers).unwrap()
-            };
-            let exact = of(&splats).splats;
-            let rows = exact.rows().count();
-            let at = |i: usize, row: usize| {
-                f64::from(exact.values_of((i / SPLATS_PER_BLOCK) as u32).unwrap()[row * SPLATS_PER_BLOCK + i % SPLATS_PER_BLOCK])
-            };
-            let largest = |row: usize| (0..splats.len()).map(|i| at(i, row).abs()).fold(0.0, f64::max);
-            for (i, row) in [2, 7, 13, 19].into_iter().flat_map(|i| (0..rows).map(move |row| (i, row))) {
-                let loss = |by: f32| f64::from(of(&moved(&splats, i, row, by)).report.loss);
-                let (numeric, found) = ((loss(5e-3) - loss(-5e-3)) / 1e-2, at(i, row));
-                assert!((numeric - found).abs() < 0.06 * largest(row) + 2e-5, "splat {i}, row {row}: {numeric:e} {found:e}");
-            }
+            scene.check(&config, |step| {
+                let found = step.hdr_gs(&mappers).unwrap();
+                (found.report.loss, found.splats)
+            });
         }
     }
 }

@@ -7,6 +7,7 @@
 //! target. Each channel is computed by one thread: the same bits for any number of threads.
 //! Degenerate: if all weights are 0, loss and gradient are 0.
 
+use fearless_simd::Level;
 use luxel_core::{LossWeights, SQUARED_KNEE, SSIM_C1, SSIM_C2, SSIM_RADIUS, SSIM_TAPS, ssim_window};
 use rayon::prelude::*;
 
@@ -41,33 +42,76 @@ impl Planes {
     }
 }
 
+/// A prediction compared with its target value by value.
+#[derive(Clone, Debug)]
+pub(crate) struct MappedComparison {
+    pub(crate) comparison: Comparison,
+    /// 1 - SSIM of the window around each value.
+    pub(crate) dissimilarity: Planes,
+}
+
 /// Sums of one channel, and its gradient.
 struct Channel {
     absolute: f64,
     squared: f64,
+    /// Sum of SSIM times the weight of its value, and sum of these weights.
     ssim: f64,
+    weight: f64,
     gradient: Vec<f32>,
+    dissimilarity: Vec<f32>,
+}
+
+/// How much values count: by pixel, and in the losses of single values and windows.
+#[derive(Clone, Copy)]
+struct Weights<'a> {
+    pixels: Option<&'a [f32]>,
+    values: Option<&'a [f32]>,
 }
 
 /// Compares an image with its target.
 pub(crate) fn compare(prediction: &Planes, target: &Planes, weights: Option<&[f32]>, loss: &LossWeights) -> Comparison {
+    compare_mapped(prediction, target, None, weights, loss).comparison
+}
+
+/// Compares an image with its target, where the difference of each value and the SSIM of the window
+/// around it count as much as `map` says; L1 and SSIM that are reported do so, too.
+pub(crate) fn compare_mapped(
+    prediction: &Planes,
+    target: &Planes,
+    map: Option<&Planes>,
+    weights: Option<&[f32]>,
+    loss: &LossWeights,
+) -> MappedComparison {
     let (width, height) = (prediction.width, prediction.height);
     let total = 3.0 * weights.map_or((width * height) as f64, |weights| weights.iter().map(|w| f64::from(*w)).sum());
     let channels: Vec<Channel> = (0..3)
         .into_par_iter()
-        .map(|c| channel([width, height], [&prediction.values[c], &target.values[c]], weights, loss, total))
+        .map(|c| {
+            let planes = [&prediction.values[c][..], &target.values[c]];
+            fearless_simd::dispatch!(Level::new(), _simd => channel([width, height], planes, Weights { pixels: weights, values: map.map(|map| &map.values[c][..]) }, loss, total))
+        })
         .collect();
     let sum = |of: fn(&Channel) -> f64| channels.iter().map(of).sum::<f64>();
     let mean = |sum: f64| if total > 0.0 { (sum / total) as f32 } else { 0.0 };
     let (l1, l2) = (mean(sum(|c| c.absolute)), mean(sum(|c| c.squared)));
-    let ssim = (sum(|c| c.ssim) / (3 * width * height).max(1) as f64) as f32;
-    let mut gradients = channels.into_iter().map(|c| c.gradient);
-    let values = [(); 3].map(|()| gradients.next().unwrap_or_default());
-    Comparison { loss: loss.total(l1, l2, ssim), l1, ssim, by_value: Planes { width, height, values } }
+    let count = (3 * width * height).max(1) as f64;
+    let (ssim, weight) = ((sum(|c| c.ssim) / count) as f32, (sum(|c| c.weight) / count) as f32);
+    // Of a perfect image SSIM is 1 times the mean weight.
+    let loss = loss.total(l1, l2, ssim) - loss.ssim_weight * (1.0 - weight);
+    let (mut gradients, mut dissimilarities): (Vec<_>, Vec<_>) = channels.into_iter().map(|c| (c.gradient, c.dissimilarity)).unzip();
+    let planes = |channels: &mut Vec<Vec<f32>>| {
+        let mut channels = channels.drain(..);
+        Planes { width, height, values: [(); 3].map(|()| channels.next().unwrap_or_default()) }
+    };
+    let comparison = Comparison { loss, l1, ssim, by_value: planes(&mut gradients) };
+    MappedComparison { comparison, dissimilarity: planes(&mut dissimilarities) }
 }
 
-fn channel([width, height]: [usize; 2], [x, y]: [&[f32]; 2], weights: Option<&[f32]>, loss: &LossWeights, total: f64) -> Channel {
-    let mixed: Vec<f32> = match weights {
+/// Compares a channel. The same operations on every instruction set: arithmetic is by elements.
+#[inline(always)]
+fn channel([width, height]: [usize; 2], [x, y]: [&[f32]; 2], weights: Weights<'_>, loss: &LossWeights, total: f64) -> Channel {
+    let of_value = |i: usize| weights.values.map_or(1.0, |map| map[i]);
+    let mixed: Vec<f32> = match weights.pixels {
         None => x.to_vec(),
         Some(weights) => x.iter().zip(y).zip(weights).map(|((x, y), w)| w * x + (1.0 - w) * y).collect(),
     };
@@ -76,10 +120,10 @@ fn channel([width, height]: [usize; 2], [x, y]: [&[f32]; 2], weights: Option<&[f
     let (mut absolute, mut squared) = (0.0f64, 0.0f64);
     let by_difference = if total > 0.0 { (1.0 - loss.ssim_weight) / total as f32 } else { 0.0 };
     let (l1, l2) = (by_difference * (1.0 - loss.squared_share), by_difference * loss.squared_share / SQUARED_KNEE);
-    for ((x, y), gradient) in x.iter().zip(y).zip(&mut gradient) {
-        let d = x - y;
-        absolute += f64::from(d.abs());
-        squared += f64::from(d * d);
+    for (i, ((x, y), gradient)) in x.iter().zip(y).zip(&mut gradient).enumerate() {
+        let (d, weight) = (x - y, of_value(i));
+        absolute += f64::from(weight * d.abs());
+        squared += f64::from(weight * d * d);
         let sign = if d > 0.0 {
             l1
         } else if d < 0.0 {
@@ -87,7 +131,7 @@ fn channel([width, height]: [usize; 2], [x, y]: [&[f32]; 2], weights: Option<&[f
         } else {
             0.0
         };
-        *gradient = sign + l2 * d;
+        *gradient = weight * (sign + l2 * d);
     }
     let mut window = Window::new(width, height);
     let both = || x.iter().zip(y);
@@ -95,11 +139,14 @@ fn channel([width, height]: [usize; 2], [x, y]: [&[f32]; 2], weights: Option<&[f
     let squares = window.convolve(both().map(|(x, y)| x * x + y * y).collect());
     let product = window.convolve(both().map(|(x, y)| x * y).collect());
     let mut by = [vec![0.0; x.len()], vec![0.0; x.len()], vec![0.0; x.len()]];
-    let mut ssim = 0.0f64;
-    for i in 0..x.len() {
-        let value = similarity([mx[i], my[i], squares[i], product[i]]);
-        ssim += f64::from(value.ssim);
-        by.iter_mut().zip(value.by).for_each(|(plane, v)| plane[i] = v);
+    let (mut ssim, mut total_weight) = (0.0f64, 0.0f64);
+    let mut dissimilarity = vec![0.0; x.len()];
+    for (i, dissimilarity) in dissimilarity.iter_mut().enumerate() {
+        let (value, weight) = (similarity([mx[i], my[i], squares[i], product[i]]), of_value(i));
+        ssim += f64::from(weight * value.ssim);
+        total_weight += f64::from(weight);
+        *dissimilarity = 1.0 - value.ssim;
+        by.iter_mut().zip(value.by).for_each(|(plane, v)| plane[i] = weight * v);
     }
     let factor = -loss.ssim_weight / (3 * width * height) as f32;
     if factor != 0.0 {
@@ -108,10 +155,10 @@ fn channel([width, height]: [usize; 2], [x, y]: [&[f32]; 2], weights: Option<&[f
             *gradient += factor * (by_mean[i] + 2.0 * x[i] * by_square[i] + y[i] * by_product[i]);
         }
     }
-    if let Some(weights) = weights {
+    if let Some(weights) = weights.pixels {
         gradient.iter_mut().zip(weights).for_each(|(gradient, weight)| *gradient *= weight);
     }
-    Channel { absolute, squared, ssim, gradient }
+    Channel { absolute, squared, ssim, weight: total_weight, gradient, dissimilarity }
 }
 
 /// SSIM of a window, with its derivatives by the means of x, x^2 and xy.
@@ -120,6 +167,7 @@ struct Similarity {
     by: [f32; 3],
 }
 
+#[inline(always)]
 fn similarity([mx, my, squares, product]: [f32; 4]) -> Similarity {
     let (c1, c2) = (SSIM_C1 as f32, SSIM_C2 as f32);
     let (a, b) = (2.0 * mx * my + c1, 2.0 * (product - mx * my) + c2);
@@ -146,6 +194,7 @@ impl Window {
 
     /// Convolves a plane, down the columns and then along the rows. The window is symmetric, so
     /// this is its own adjoint.
+    #[inline(always)]
     fn convolve(&mut self, mut plane: Vec<f32>) -> Vec<f32> {
         let Self { width, height, taps, row, down } = self;
         for y in 0..*height {
@@ -199,6 +248,27 @@ mod tests {
                 assert!((numeric - found).abs() < 2e-5 + 2e-2 * found.abs(), "{c}, {i}: {numeric:e} {found:e}");
             }
         }
+    }
+
+    #[test]
+    fn the_gradient_under_a_map_is_that_of_differences_and_a_map_of_ones_changes_nothing() {
+        let (x, y) = (planes(1), planes(2));
+        let mut map = planes(5);
+        map.values.iter_mut().flatten().for_each(|w| *w = w.abs());
+        let loss = LossWeights { ssim_weight: 0.4, squared_share: 0.3, ..LossWeights::default() };
+        let exact = compare_mapped(&x, &y, Some(&map), None, &loss).comparison.by_value;
+        for (c, i) in [(0, 0), (1, 40), (2, 111), (0, 220)] {
+            let moved = |h: f32| {
+                let mut x = x.clone();
+                x.values[c][i] += h;
+                f64::from(compare_mapped(&x, &y, Some(&map), None, &loss).comparison.loss)
+            };
+            let (numeric, found) = ((moved(4e-3) - moved(-4e-3)) / 8e-3, f64::from(exact.values[c][i]));
+            assert!((numeric - found).abs() < 2e-5 + 2e-2 * found.abs(), "{c}, {i}: {numeric:e} {found:e}");
+        }
+        map.values.iter_mut().flatten().for_each(|w| *w = 1.0);
+        let (with, without) = (compare_mapped(&x, &y, Some(&map), None, &loss).comparison, compare(&x, &y, None, &loss));
+        assert_eq!((with.loss, with.by_value), (without.loss, without.by_value));
     }
 
     #[test]

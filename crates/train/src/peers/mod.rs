@@ -1,55 +1,79 @@
-//! The published methods that train on pairs of radiance and captured images, beside the colour
-//! models: each step computes its own images and losses over the engine's rasteriser with
+//! The published methods that train on captured images, beside radiance or alone, apart from the
+//! colour models: each step computes its own images and losses over the engine's rasteriser with
 //! gradients, and hands the engine the gradients by the splats.
 //!
-//! In: views with captured images, the options of the method. Out: gradients and statistics in the
-//! engine's form, and the shared networks of the method, which are part of the run's state. Sources
-//! and deviations from what was published: `docs/src/guide/published-methods.md`. Degenerate: data
-//! without pairs and options that a method does not have are errors at the start.
+//! In: views with or of captured images, the options of the method. Out: gradients and statistics
+//! in the engine's form, and the shared networks of the method, which are part of the run's state.
+//! Sources and deviations from what was published: `docs/src/guide/published-methods.md`.
+//! Degenerate: data without pairs and options that a method does not have are errors at the start.
 
 mod adam;
 mod check;
+mod cycle;
+mod fold;
+mod gauss_hdr;
+mod gauss_networks;
+mod gauss_tone;
 mod hdr_gs;
 mod image_loss;
+mod lift;
+mod lifted_engine;
+mod mono_hdr_gs;
 mod pair;
 mod radiance_loss;
 mod rasterised;
 mod relu_line;
+mod soft_network;
+#[cfg(test)]
+mod testing;
 mod tone_mappers;
 
-use luxel_core::Dataset;
+use luxel_core::engine::PlanRow;
+use luxel_core::{Dataset, Knots};
 use serde::{Deserialize, Serialize};
 
 pub(crate) use self::check::check_options;
-pub(crate) use self::hdr_gs::HdrGsStep;
-pub(crate) use self::pair::{check_pairs, exposure_of, turn};
+pub(crate) use self::fold::folded;
+pub(crate) use self::gauss_hdr::GaussStep;
+use self::gauss_networks::GaussNetworks;
+pub(crate) use self::gauss_networks::GaussRates;
+pub(crate) use self::lifted_engine::{LiftedEngine, SharedLift};
+use self::mono_hdr_gs::MonoNetworks;
+pub use self::pair::one_exposure;
+pub(crate) use self::pair::{PairStep, check_captured, check_pairs, exposure_of, turn};
 pub use self::tone_mappers::ToneMapperRecord;
 use self::tone_mappers::ToneMappers;
 use crate::config::Method;
 use crate::{TrainConfig, TrainError};
 
-/// The networks that all splats share, by method.
+/// The numbers that a method trains beside splats: networks that all of them share, and features.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum SharedNetworks {
     HdrGs(ToneMappers),
+    MonoHdrGs(MonoNetworks),
+    GaussHdr(GaussNetworks),
 }
 
 impl SharedNetworks {
-    /// Makes the networks at the start of a run; `None` for a method without any.
-    pub(crate) fn new(config: &TrainConfig, dataset: &Dataset) -> Option<Self> {
+    /// Makes the networks at the start of a run of so many splats; `None` for a method without any.
+    pub(crate) fn new(config: &TrainConfig, dataset: &Dataset, splats: usize) -> Option<Self> {
         let exposures = || dataset.train.iter().flat_map(|view| &view.recordings).filter_map(exposure_of);
         match config.method {
+            Method::GaussHdr => Some(Self::GaussHdr(GaussNetworks::new(splats, config.seed))),
+            Method::MonoHdrGs => Some(Self::MonoHdrGs(MonoNetworks::new(config))),
             Method::HdrGs => Some(Self::HdrGs(ToneMappers::new(config.tone_width, exposures(), config.seed))),
             _ => None,
         }
     }
 
-    /// Checks networks read from a file against the options.
-    pub(crate) fn validate(networks: Option<&Self>, config: &TrainConfig) -> Result<(), TrainError> {
+    /// Checks networks read from a file against the options and the number of splats.
+    pub(crate) fn validate(networks: Option<&Self>, config: &TrainConfig, splats: usize) -> Result<(), TrainError> {
         match (networks, config.method) {
             (Some(Self::HdrGs(mappers)), Method::HdrGs) => mappers.validate(config.tone_width),
-            (None, method) if !method.trains_on_pairs() => Ok(()),
+            (Some(Self::MonoHdrGs(networks)), Method::MonoHdrGs) => networks.validate(config.lift_width),
+            (Some(Self::GaussHdr(networks)), Method::GaussHdr) => networks.validate(splats),
+            (None, method) if !method.has_own_steps() => Ok(()),
             _ => Err(TrainError::State("the method's networks are missing, or are those of another method".to_owned())),
         }
     }
@@ -58,6 +82,30 @@ impl SharedNetworks {
     pub(crate) fn tone_mappers(&self, radiance_unit: f32) -> Option<ToneMapperRecord> {
         match self {
             Self::HdrGs(mappers) => Some(mappers.record(radiance_unit)),
+            Self::MonoHdrGs(_) | Self::GaussHdr(_) => None,
+        }
+    }
+
+    /// Returns the response of the camera that the networks make up, if they see radiance alone.
+    pub(crate) fn response(&self) -> Option<Knots> {
+        match self {
+            Self::GaussHdr(networks) => Some(networks.response()),
+            Self::HdrGs(_) | Self::MonoHdrGs(_) => None,
+        }
+    }
+
+    /// Follows splats through densification.
+    pub(crate) fn densify(&mut self, rows: &[PlanRow]) {
+        if let Self::GaussHdr(networks) = self {
+            networks.densify(rows);
+        }
+    }
+
+    /// Returns the lift from captured values to radiance, if the method has one.
+    pub(crate) fn shared_lift(&self) -> Option<SharedLift> {
+        match self {
+            Self::HdrGs(_) | Self::GaussHdr(_) => None,
+            Self::MonoHdrGs(networks) => Some(SharedLift::new(networks.lift.tables())),
         }
     }
 }

@@ -9,16 +9,22 @@
 //! does not show have no gradient.
 
 use luxel_core::engine::{
-    ActivatedSplats, BlendGradient, BlendOptions, BlendedSplats, Channels, Differentiable, DirectionalColors, EllipseGradient,
+    ActivatedSplats, BlendGradient, BlendOptions, BlendedSplats, Channels, Differentiable, DirectionalColors, Dropout, EllipseGradient,
     MatrixCamera, ParameterRows, PixelGradient, ProjectedSplats, SPLATS_PER_BLOCK, ScreenEllipses, ShapeParameters, SparseGradients,
     StatsCollection, StepConfig,
 };
-use luxel_core::{Camera, Splats, sigmoid};
-
-use crate::TrainError;
+use luxel_core::{Camera, EngineError, RenderOptions, Splats, sigmoid};
 
 /// Depth beyond which splats are culled: none.
 const FAR: f32 = f32::MAX;
+
+/// How splats are seen.
+#[derive(Clone, Copy)]
+pub(crate) struct SeenWith<'a> {
+    pub(crate) render: &'a RenderOptions,
+    /// The splats that a step leaves out.
+    pub(crate) dropout: Option<Dropout>,
+}
 
 /// Splats on the screen of a view.
 pub(crate) struct Rasterised<'a> {
@@ -31,7 +37,7 @@ pub(crate) struct Rasterised<'a> {
     /// Factors of the opacities: 0 for splats that the step leaves out.
     opacity_factor: Vec<f32>,
     ellipses: ScreenEllipses,
-    projected: Box<dyn ProjectedSplats>,
+    ellipses_to_pixels: Box<dyn ProjectedSplats>,
     /// Whether the view shows a splat.
     visible: Vec<bool>,
 }
@@ -41,6 +47,21 @@ pub(crate) struct BlendedImage {
     /// Interleaved pixels.
     pub(crate) pixels: Vec<[f32; 3]>,
     blended: Box<dyn BlendedSplats>,
+}
+
+/// Blended images of any number of channels.
+pub(crate) struct BlendedChannels {
+    /// `[H, W, K]`.
+    pub(crate) channels: Vec<f32>,
+    blended: Box<dyn BlendedSplats>,
+}
+
+impl BlendedChannels {
+    /// Returns the gradient by the channels `[N, K]` and by the splats on the screen, from that by
+    /// the pixels.
+    pub(crate) fn backward(&self, by_pixel: &[f32]) -> Result<BlendGradient, EngineError> {
+        self.blended.backward(&PixelGradient { channels: by_pixel, alpha: None, absolute: Default::default() })
+    }
 }
 
 /// The gradients of the splats' colours and geometry, summed over images.
@@ -54,9 +75,9 @@ pub(crate) struct ImageGradients {
 impl BlendedImage {
     /// Returns the gradient by the image's colours `[N]` and by the splats on the screen, from that
     /// by its pixels.
-    pub(crate) fn backward(&self, by_pixel: &[[f32; 3]]) -> Result<BlendGradient, TrainError> {
+    pub(crate) fn backward(&self, by_pixel: &[[f32; 3]]) -> Result<BlendGradient, EngineError> {
         let gradient = PixelGradient { channels: by_pixel.as_flattened(), alpha: None, absolute: Default::default() };
-        Ok(self.blended.backward(&gradient)?)
+        self.blended.backward(&gradient)
     }
 }
 
@@ -86,10 +107,21 @@ impl ImageGradients {
 }
 
 impl<'a> Rasterised<'a> {
-    /// Projects the splats to the screen of a pinhole camera.
-    pub(crate) fn new(raster: &'a dyn Differentiable, splats: &'a Splats, camera: &Camera, step: &StepConfig) -> Result<Self, TrainError> {
-        let config = step.render.raster;
-        let options = BlendOptions {
+    /// Projects the splats to the screen of a step's pinhole camera.
+    pub(crate) fn new(raster: &'a dyn Differentiable, splats: &'a Splats, camera: &Camera, step: &StepConfig) -> Result<Self, EngineError> {
+        Self::projected(raster, splats, camera, SeenWith { render: &step.render, dropout: step.dropout })
+    }
+
+    /// Projects the splats to the screen of a pinhole camera: all of them, unless a step leaves
+    /// some out.
+    pub(crate) fn projected(
+        raster: &'a dyn Differentiable,
+        splats: &'a Splats,
+        camera: &Camera,
+        options: SeenWith<'_>,
+    ) -> Result<Self, EngineError> {
+        let config = options.render.raster;
+        let blending = BlendOptions {
             size_px: camera.size_px,
             cutoffs: config.cutoffs,
             far: FAR,
@@ -97,7 +129,7 @@ impl<'a> Rasterised<'a> {
             dilation_px2: config.antialias.dilation_px2(),
             compensates_opacity: config.antialias.compensates_opacity(),
         };
-        let factor = |splat: u32| match step.dropout {
+        let factor = |splat: u32| match options.dropout {
             None => 1.0,
             Some(dropout) if dropout.keeps(splat) => dropout.opacity_factor(),
             Some(_) => 0.0,
@@ -106,11 +138,11 @@ impl<'a> Rasterised<'a> {
         let scale: Vec<[f32; 3]> = splats.log_scale.iter().map(|s| s.map(f32::exp)).collect();
         let opacity: Vec<f32> = splats.opacity_logit.iter().zip(&opacity_factor).map(|(logit, factor)| sigmoid(*logit) * factor).collect();
         let activated = ActivatedSplats { position: &splats.position, rotation: &splats.rotation, scale: &scale, opacity: &opacity };
-        let (ellipses, projected) = raster.project(&activated, &[matrix_camera(camera)], &options)?;
+        let (ellipses, ellipses_to_pixels) = raster.project(&activated, &[matrix_camera(camera)], &blending)?;
         let visible = ellipses.radius_px.iter().map(|radius| radius[0] > 0).collect();
         let eye = camera.eye().to_array().map(|v| v as f32);
-        let (active_degree, size_px) = (step.render.active_degree, camera.size_px);
-        Ok(Self { raster, splats, active_degree, eye, size_px, scale, opacity_factor, ellipses, projected, visible })
+        let (active_degree, size_px) = (options.render.active_degree, camera.size_px);
+        Ok(Self { raster, splats, active_degree, eye, size_px, scale, opacity_factor, ellipses, ellipses_to_pixels, visible })
     }
 
     /// Returns whether the view shows each splat.
@@ -142,13 +174,25 @@ impl<'a> Rasterised<'a> {
     }
 
     /// Returns the colours of the splats by their model, 0 where the view does not show them.
-    pub(crate) fn colors(&self) -> Result<Vec<[f32; 3]>, TrainError> {
-        Ok(self.raster.colors(&self.directional())?)
+    pub(crate) fn colors(&self) -> Result<Vec<[f32; 3]>, EngineError> {
+        self.raster.colors(&self.directional())
     }
 
     /// Blends colours over black.
-    pub(crate) fn blend(&self, colors: &[[f32; 3]]) -> Result<BlendedImage, TrainError> {
-        let (pixels, blended) = self.projected.blend(&Channels { values: colors.as_flattened(), count: 3, background: None })?;
+    pub(crate) fn blend(&self, colors: &[[f32; 3]]) -> Result<BlendedImage, EngineError> {
+        self.blend_over(colors, None)
+    }
+
+    /// Blends channels `[N, count]` over 0.
+    pub(crate) fn blend_channels(&self, values: &[f32], count: usize) -> Result<BlendedChannels, EngineError> {
+        let (pixels, blended) = self.ellipses_to_pixels.blend(&Channels { values, count, background: None })?;
+        Ok(BlendedChannels { channels: pixels.channels, blended })
+    }
+
+    /// Blends colours over a background, or over black.
+    pub(crate) fn blend_over(&self, colors: &[[f32; 3]], background: Option<[f32; 3]>) -> Result<BlendedImage, EngineError> {
+        let background = background.as_ref().map(|rgb| &rgb[..]);
+        let (pixels, blended) = self.ellipses_to_pixels.blend(&Channels { values: colors.as_flattened(), count: 3, background })?;
         Ok(BlendedImage { pixels: pixels.channels.as_chunks::<3>().0.to_vec(), blended })
     }
 
@@ -159,7 +203,7 @@ impl<'a> Rasterised<'a> {
         images: &ImageGradients,
         by_color: &[[f32; 3]],
         stats: StatsCollection,
-    ) -> Result<SparseGradients, TrainError> {
+    ) -> Result<SparseGradients, EngineError> {
         let rows = ParameterRows { color_model: self.splats.color_model };
         let mut gradients = SparseGradients::none(rows);
         let Some(geometry) = &images.geometry else { return Ok(gradients) };
@@ -170,7 +214,7 @@ impl<'a> Rasterised<'a> {
             shape: ShapeParameters::RotationAndScale,
             ..EllipseGradient::default()
         };
-        let by_splat = self.projected.backward(&by_ellipse)?;
+        let by_splat = self.ellipses_to_pixels.backward(&by_ellipse)?;
         let colors = self.raster.colors_backward(&self.directional(), by_color)?;
         let (k, m) = (3 * rows.color_model.sh_coefficients(), rows.color_model.luminance_coefficients());
         let norms = images.norms.as_deref().filter(|_| stats != StatsCollection::Off);

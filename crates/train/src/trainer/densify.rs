@@ -57,6 +57,9 @@ impl Trainer {
                 return Err(TrainError::AllPruned { step });
             }
             tracing::debug!(step, before, after = rows.len(), opacity_cap = cap, "densified");
+            if let Some(networks) = &mut self.state.networks {
+                networks.densify(&rows);
+            }
             self.engine.densify(&DensifyPlan { rows, opacity_logit_cap: cap.map(logit), smoothing: None })?;
         }
         let is_mip = self.state.config.antialias == Antialias::Mip;

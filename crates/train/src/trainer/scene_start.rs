@@ -40,6 +40,10 @@ pub(super) fn check_scene(dataset: &Dataset, scene: &Scene, config: &TrainConfig
         let reason = format!("a unit of it is {of_scene} m, one of the data set {of_data} m, so they have other coordinates");
         return refused(reason, Some(Remedy::advice("give the data set that has the scene's cameras")));
     }
+    if config.method == Method::MonoHdrGs {
+        let reason = "its colours are radiance, and those of method mono-hdr-gs captured values".to_owned();
+        return refused(reason, Some(Remedy::leave_out("from")));
+    }
     if config.freezes_geometry() {
         if scene.world_from_local != dataset.world_from_local {
             let reason = "its local coordinates are not those of the data set, whose positions would have to be rounded".to_owned();

@@ -3,24 +3,29 @@
 //! In: a data set, a configuration or a snapshot, an engine. Out: a [`Trainer`] whose engine holds
 //! the scene. Degenerate: views or states that cannot be trained are errors.
 
-use luxel_core::{Alone, Antialias, CameraProjection, Dataset, Engine, EngineError, Remedy, Scene, Snapshot, View, spatial_order};
+use luxel_core::{
+    Alone, Antialias, CameraProjection, Dataset, Engine, EngineError, RadianceScale, Remedy, Scene, Snapshot, Splats, View, spatial_order,
+};
 
 use super::health::Visibility;
 use super::scene_start::{check_scene, start_of_scene, with_raster};
 use super::{Trainer, VecDeque};
 use crate::average::Average;
 use crate::camera_response::CameraResponse;
-use crate::peers::check_pairs;
+use crate::peers::{LiftedEngine, SharedNetworks, check_captured, check_pairs, one_exposure};
 use crate::pixel_weights::ToneScale;
 use crate::recorded::is_recorded;
-use crate::state::{Start, State, poses_of};
+use crate::state::{Start, State, learns_response, poses_of};
 use crate::views::TrainingViews;
 use crate::vignetting::{Lenses, check_lenses};
-use crate::{Initial, NamedChoice, Schedule, TrainConfig, TrainError, free_space, initialise};
+use crate::{Initial, Method, NamedChoice, Schedule, TrainConfig, TrainError, free_space, initialise};
 
 /// Factor between the greatest distance of a camera from the cameras' centroid and the scene's
 /// extent (Kerbl et al. 2023).
 const EXTENT_MARGIN: f64 = 1.1;
+
+/// Exponent of a camera's response that first colours assume: that of displays.
+const DISPLAY_GAMMA: f32 = 2.2;
 
 impl Trainer {
     /// Starts a new run.
@@ -61,6 +66,7 @@ impl Trainer {
         check_pair_method(dataset, &config, &*engine)?;
         let response = is_recorded(&dataset.train)?.then(|| CameraResponse::new(config.unit_exposure, &dataset.train));
         let knots = response.as_ref().map(CameraResponse::knots);
+        let response = if learns_response(dataset, &config)? { response } else { None };
         let Initial { splats, radiance_scale } = match scene {
             Some(scene) => start_of_scene(scene, dataset, &config, knots)?,
             None => {
@@ -68,6 +74,7 @@ impl Trainer {
                 Initial { splats: splats.select(spatial_order(&splats.position)), radiance_scale }
             }
         };
+        let splats = if config.method == Method::MonoHdrGs { captured_colors(splats, radiance_scale, dataset, &config)? } else { splats };
         let extent = scene_extent(&dataset.train, &splats.position);
         engine.load(&splats, None)?;
         tracing::info!(
@@ -81,7 +88,7 @@ impl Trainer {
             part if part > 0.0 && !config.freezes_geometry() => free_space::radii(&dataset.train, &splats.position, part),
             _ => Vec::new(),
         };
-        let state = State::new(dataset, Start { config, extent, radiance_scale, response, clearances });
+        let state = State::new(dataset, Start { config, extent, radiance_scale, response, splats: splats.len(), clearances });
         let mut trainer = Self::assemble(dataset, state, None, engine);
         trainer.warn_of_average();
         trainer.check_pose_steps()?;
@@ -122,6 +129,11 @@ impl Trainer {
         let tone = ToneScale { radiance_scale: state.radiance_scale, mu: config.mu };
         let views = TrainingViews::new(&dataset.train, stages, config.noise_model, tone);
         let lenses = state.vignetting.is_some().then(|| Lenses::new(dataset));
+        let lift = state.networks.as_ref().and_then(SharedNetworks::shared_lift);
+        let engine: Box<dyn Engine> = match &lift {
+            None => engine,
+            Some(lift) => Box::new(LiftedEngine::new(engine, lift.clone())),
+        };
         let poses = state.poses.is_some().then(|| poses_of(dataset, state.extent));
         let mut trainer = Self {
             engine,
@@ -136,6 +148,7 @@ impl Trainer {
             visibility: Visibility::default(),
             poses,
             lenses,
+            lift,
             exchange: Box::new(Alone),
             step_views: Vec::new(),
             wants_to_stop: false,
@@ -176,16 +189,35 @@ fn check_batch(dataset: &Dataset, config: &TrainConfig) -> Result<(), TrainError
 /// Checks that the data set has what a method on pairs trains on, and the engine what its steps
 /// need.
 fn check_pair_method(dataset: &Dataset, config: &TrainConfig, engine: &dyn Engine) -> Result<(), TrainError> {
-    if !config.method.trains_on_pairs() {
+    if !config.method.has_own_steps() {
         return Ok(());
     }
     let method = config.method.name();
-    check_pairs(&dataset.train, method)?;
+    match config.method.trains_on_pairs() {
+        true => check_pairs(&dataset.train, method)?,
+        false => check_captured(&dataset.train, method)?,
+    }
+    if config.method.needs_one_exposure() {
+        one_exposure(&dataset.train, method)?;
+    }
     if engine.differentiable().is_none() {
-        let message = format!("method {method} is trained on the CPU: this engine has no rasteriser with gradients for its two images");
+        let message = format!("method {method} is trained on the CPU: this engine has no rasteriser with gradients for its images");
         return Err(EngineError::invalid(message).with_remedy(Remedy::set("device", "cpu")).into());
     }
     Ok(())
+}
+
+/// Returns the splats with the values that a camera of a usual response would capture of their
+/// radiance, in its place.
+fn captured_colors(splats: Splats, scale: RadianceScale, dataset: &Dataset, config: &TrainConfig) -> Result<Splats, TrainError> {
+    let exposure_s = one_exposure(&dataset.train, config.method.name())?;
+    let (mut splats, k) = (splats, 3 * config.color_model().sh_coefficients());
+    for i in 0..splats.len() {
+        let exposures = splats.base_radiance(i).map(|x| scale.restored_value(x) * exposure_s);
+        let (dc, _) = splats.color_model.constant(exposures.map(|x| (x / (x + 1.0)).powf(DISPLAY_GAMMA.recip())));
+        splats.sh[i * k..i * k + 3].copy_from_slice(&dc);
+    }
+    Ok(splats)
 }
 
 /// Checks that focal lengths can be optimised, if they are to be: those of pinhole cameras can.

@@ -147,7 +147,7 @@ pub(super) fn save(args: &BenchArgs, path: &Path) -> Result<()> {
 /// Returns the splats in the colour model asked for.
 fn in_method(splats: Splats, method: Option<Method>, name: &str) -> Result<Splats> {
     let Some(method) = method else { return Ok(splats) };
-    if method.trains_on_pairs() {
+    if method.has_own_steps() {
         bail!(
             "--method {}: its steps train on captured images, which bench has none of; use --method logsh3, its colour model",
             method.name()

@@ -73,6 +73,8 @@ impl Session<'_> {
         let test_views = self.test_views().into_owned();
         let (poses, vignetting) = (self.trainer.pose_report(), self.trainer.vignetting().unwrap_or_default());
         let folder = self.folder;
+        let folded = if finished && self.trainer.lifts_colors() { Some(self.trainer.scene()?) } else { None };
+        let threads = self.threads;
         let mut rendering = self.rendering();
         let test = rendering.evaluate(&test_views, Some(&images), GainFit::None)?;
         let aligned = if poses.is_some() { rendering.align(config.train.loss_weights(), &test_views)? } else { None };
@@ -87,6 +89,9 @@ impl Session<'_> {
         }
         let train = if finished { rendering.evaluate(&train, None, GainFit::None)? } else { None };
         for (name, split) in rendering.evaluate_fitted(config, &test_views)? {
+            splits.insert(name.to_owned(), split);
+        }
+        for (name, split) in rendering.evaluate_folded(folded.as_ref(), threads, &test_views)? {
             splits.insert(name.to_owned(), split);
         }
         for (name, split) in [("test", test), ("train", train)] {

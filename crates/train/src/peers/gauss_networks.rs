@@ -1,0 +1,148 @@
+//! The numbers that GaussHDR trains beside splats: tone networks, and a context feature of each
+//! splat.
+//!
+//! In: gradients, and what becomes of splats. Out: the numbers, updated by Adam. Features begin at
+//! 0. A splat that is made from another takes over its feature.
+
+use luxel_core::engine::PlanRow;
+use luxel_core::response::exposure_of_knot;
+use luxel_core::{Knots, RESPONSE_KNOTS};
+use serde::{Deserialize, Serialize};
+
+use super::adam::Adam;
+use super::gauss_tone::{FEATURES, GaussTone, INPUTS};
+use crate::TrainError;
+
+/// Exposure that black counts as in the response.
+const DARKEST: f64 = 1e-5;
+
+/// The numbers of a run, with the state of their optimisers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct GaussNetworks {
+    pub(super) tone: GaussTone,
+    pub(super) features: Features,
+}
+
+/// Learning rates of a step.
+#[derive(Clone, Copy)]
+pub(crate) struct GaussRates {
+    pub(crate) tone: f64,
+    pub(crate) features: f64,
+}
+
+/// A feature of each splat, `[N, 4]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Features {
+    values: Vec<f32>,
+    adam: Adam,
+}
+
+impl Features {
+    fn new(splats: usize) -> Self {
+        Self { values: vec![0.0; splats * FEATURES], adam: Adam::new(splats * FEATURES) }
+    }
+
+    /// Returns the numbers, to be changed.
+    #[cfg(test)]
+    pub(super) fn values_mut(&mut self) -> &mut [f32] {
+        &mut self.values
+    }
+
+    /// Updates the features.
+    pub(super) fn update(&mut self, gradient: &[f32], rate: f64) {
+        let gradient: Vec<f64> = gradient.iter().map(|g| f64::from(*g)).collect();
+        self.adam.step(&mut self.values, &gradient, rate);
+    }
+
+    /// Follows splats through densification.
+    fn densify(&mut self, rows: &[PlanRow]) {
+        let of = |row: &PlanRow| row.source as usize * FEATURES..(row.source as usize + 1) * FEATURES;
+        self.values = rows.iter().flat_map(|row| self.values[of(row)].to_vec()).collect();
+        self.adam.rearrange(rows.iter().flat_map(|row| of(row).map(|at| row.keep_moments.then_some(at))));
+    }
+}
+
+impl GaussNetworks {
+    /// Makes the numbers at the start of a run.
+    pub(crate) fn new(splats: usize, seed: u64) -> Self {
+        Self { tone: GaussTone::new(seed), features: Features::new(splats) }
+    }
+
+    /// Checks numbers read from a file.
+    pub(crate) fn validate(&self, splats: usize) -> Result<(), TrainError> {
+        self.tone.validate()?;
+        let expected = splats * FEATURES;
+        if self.features.values.len() != expected || !self.features.values.iter().all(|v| v.is_finite()) {
+            return Err(TrainError::State(format!("features of {splats} splats have other numbers than their {expected}")));
+        }
+        self.features.adam.validate(expected)
+    }
+
+    /// Returns the feature of a splat.
+    pub(super) fn feature(&self, i: usize) -> [f32; FEATURES] {
+        std::array::from_fn(|k| self.features.values[i * FEATURES + k])
+    }
+
+    /// Updates networks and features by a step's gradients.
+    pub(crate) fn update(&mut self, by_numbers: &[f64], by_features: &[f32], rates: GaussRates) {
+        self.tone.update(by_numbers, rates.tone);
+        self.features.update(by_features, rates.features);
+    }
+
+    /// Follows splats through densification.
+    pub(crate) fn densify(&mut self, rows: &[PlanRow]) {
+        self.features.densify(rows);
+    }
+
+    /// Returns the values of the global networks as the response of a camera, which never falls.
+    pub(crate) fn response(&self) -> Knots {
+        let items: Vec<_> = (0..RESPONSE_KNOTS)
+            .map(|k| {
+                let s = exposure_of_knot(k).max(DARKEST).ln() as f32;
+                std::array::from_fn::<f32, INPUTS, _>(|c| if c < 3 { s } else { 0.0 })
+            })
+            .collect();
+        let values = self.tone.apply(&items);
+        [0, 1, 2].map(|c| {
+            let mut highest = 0.0f32;
+            std::array::from_fn(|k| {
+                highest = highest.max(values[k][c]);
+                highest
+            })
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn features_follow_their_splats() {
+        let mut networks = GaussNetworks::new(3, 1);
+        networks.features.update(&(0..12).map(|i| i as f32 - 5.0).collect::<Vec<_>>(), 0.1);
+        let before = networks.clone();
+        let split = PlanRow { keep_moments: false, ..PlanRow::keep(0) };
+        networks.densify(&[PlanRow::keep(2), split, split]);
+        networks.validate(3).unwrap();
+        assert_eq!([0, 1, 2].map(|i| networks.feature(i)), [2, 0, 0].map(|i| before.feature(i)));
+        assert!(networks.validate(4).is_err());
+        // Moments begin anew for the two that were split.
+        let (mut again, zero) = (networks.clone(), vec![0.0; 12]);
+        again.features.update(&zero, 0.1);
+        assert_ne!(again.feature(0), networks.feature(0));
+        assert_eq!([again.feature(1), again.feature(2)], [networks.feature(1), networks.feature(2)]);
+        let json = serde_json::to_string(&networks).unwrap();
+        assert_eq!(serde_json::from_str::<GaussNetworks>(&json).unwrap(), networks);
+    }
+
+    #[test]
+    fn the_response_rises_through_the_unit_exposure() {
+        let response = GaussNetworks::new(1, 1).response();
+        for curve in response {
+            assert!(curve.windows(2).all(|pair| pair[1] >= pair[0]) && curve[0] < 0.2 && curve[RESPONSE_KNOTS - 1] > 0.8, "{curve:?}");
+        }
+    }
+}
