@@ -34,7 +34,7 @@ pub(crate) struct LoadArgs {
     #[arg(long, value_enum, default_value_t, value_name = "KIND", help_heading = "Data set")]
     pub(crate) supervision: SupervisionArg,
     /// Exposures of each pose to train on with --supervision ldr or both: all, single (one a pose,
-    /// in turn), or numbers counted from the shortest, such as 0,2,4.
+    /// in turn), middle, or numbers counted from the shortest, such as 0,2,4.
     #[arg(long, default_value_t, value_name = "WHICH", help_heading = "Data set")]
     pub(crate) exposures: Exposures,
     /// Masks, white where pixels count and black where they do not: auto (mask_path of

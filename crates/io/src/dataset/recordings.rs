@@ -55,6 +55,8 @@ pub enum Exposures {
     All,
     /// One of each pose, the next pose's the next in turn.
     Single,
+    /// The middle one of each pose; of an even number the shorter of the two in the middle.
+    Middle,
     /// These, counted from 0.
     Of(Vec<usize>),
 }
@@ -67,8 +69,9 @@ impl FromStr for Exposures {
         match (text, list) {
             ("all", _) => Ok(Self::All),
             ("single", _) => Ok(Self::Single),
+            ("middle", _) => Ok(Self::Middle),
             (_, Ok(list)) => Ok(Self::Of(list)),
-            _ => Err(format!("\"{text}\" names no exposures, expected all, single, or numbers from 0 such as 0,2,4")),
+            _ => Err(format!("\"{text}\" names no exposures, expected all, single, middle, or numbers from 0 such as 0,2,4")),
         }
     }
 }
@@ -78,6 +81,7 @@ impl fmt::Display for Exposures {
         match self {
             Self::All => f.write_str("all"),
             Self::Single => f.write_str("single"),
+            Self::Middle => f.write_str("middle"),
             Self::Of(list) => f.write_str(&list.iter().map(usize::to_string).collect::<Vec<_>>().join(",")),
         }
     }
@@ -187,9 +191,14 @@ pub(super) fn hdr_gs(finder: &Finder, scene: &Path, view: &str, stated: &BTreeMa
 /// Returns the frames that `frame` represents: where captured images are read, those of a training
 /// pose, or of a held-out one without radiance.
 pub(super) fn expanded(frame: &SourceFrame, is_held_out: bool) -> Vec<SourceFrame> {
-    if frame.recordings.is_empty() || (is_held_out && frame.image.is_file()) {
+    if frame.recordings.is_empty() || (is_held_out && frame.has_both()) {
         return vec![frame.clone()];
     }
+    beside(frame)
+}
+
+/// Returns the captured images of a frame as frames.
+pub(super) fn beside(frame: &SourceFrame) -> Vec<SourceFrame> {
     let recording = |recording: &Recording| SourceFrame {
         name: recording.name.clone(),
         image: recording.image.clone(),
@@ -261,6 +270,7 @@ pub(super) fn choose<T>(frames: Vec<T>, of: impl Fn(&T) -> &SourceFrame, exposur
             is_chosen[i] = match exposures {
                 Exposures::All => true,
                 Exposures::Single => place == turn % count,
+                Exposures::Middle => place == (count - 1) / 2,
                 Exposures::Of(places) => places.contains(&place),
             };
         }
@@ -274,7 +284,9 @@ mod tests {
 
     #[test]
     fn exposures_are_read_from_text() {
-        for (text, choice) in [("all", Exposures::All), ("single", Exposures::Single), ("0,2,4", Exposures::Of(vec![0, 2, 4]))] {
+        for (text, choice) in
+            [("all", Exposures::All), ("single", Exposures::Single), ("middle", Exposures::Middle), ("0,2,4", Exposures::Of(vec![0, 2, 4]))]
+        {
             assert_eq!((text.parse(), choice.to_string().as_str()), (Ok(choice), text));
         }
         assert!("one".parse::<Exposures>().unwrap_err().contains("expected all, single"));
