@@ -93,6 +93,14 @@ pub enum TrainError {
         /// Property found, and the one expected.
         reason: &'static str,
     },
+    /// The method trains on captured images of one exposure.
+    #[error("method {method}: captured images of {} s, expected one exposure for all", seconds(exposures_s))]
+    NeedsOneExposure {
+        /// Name of the method.
+        method: &'static str,
+        /// The exposures found, seconds, ascending.
+        exposures_s: Vec<f32>,
+    },
     /// The optimisation diverged.
     #[error("step {step}: the loss on view {view} is not finite")]
     NotFinite {
@@ -159,6 +167,7 @@ impl TrainError {
             Self::AllBlack => Some(&ALL_BLACK),
             Self::MixedValues { .. } => Some(&MIXED_VALUES),
             Self::NeedsPairs { .. } => Some(&NEEDS_PAIRS),
+            Self::NeedsOneExposure { .. } => Some(&NEEDS_ONE_EXPOSURE),
             Self::NotFinite { .. } => Some(&NOT_FINITE),
             Self::NotFiniteSplat { .. } => Some(&NOT_FINITE_SPLAT),
             Self::AllPruned { .. } => Some(&ALL_PRUNED),
@@ -184,8 +193,14 @@ impl TrainError {
     }
 }
 
+/// Returns exposures as text.
+fn seconds(exposures_s: &[f32]) -> String {
+    exposures_s.iter().map(f32::to_string).collect::<Vec<_>>().join(", ")
+}
+
 static ALL_BLACK: LazyLock<Remedy> = LazyLock::new(|| Remedy::advice("check the images").or(Remedy::give("radiance_scale")));
 static NEEDS_PAIRS: LazyLock<Remedy> = LazyLock::new(|| Remedy::set("supervision", "both").or(Remedy::set("method", "logsh3")));
+static NEEDS_ONE_EXPOSURE: LazyLock<Remedy> = LazyLock::new(|| Remedy::set("exposures", "middle").or(Remedy::set("exposures", "0")));
 static MIXED_VALUES: LazyLock<Remedy> =
     LazyLock::new(|| Remedy::give("supervision").or(Remedy::advice("move the images of the other kind out of the data set")));
 static NOT_FINITE: LazyLock<Remedy> = LazyLock::new(|| {

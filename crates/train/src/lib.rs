@@ -38,7 +38,7 @@ mod views;
 mod vignetting;
 
 pub use config::{
-    BatchRule, Condition, CutoffPreset, ExposureCompensation, FieldLoss, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED,
+    BatchRule, Condition, CutoffPreset, ExposureCompensation, FieldLoss, FieldNetworkChoice, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED,
     MCMC_DEFAULT_MAX_SPLATS, Method, Misplaced, NamedChoice, OPTIONS, OptionSpec, Preset, Range, ScaleRule, Strategy, TrainConfig,
     ValueHelp, parse_rgb,
 };
@@ -46,7 +46,7 @@ pub use contribution::add_contribution;
 pub use error::TrainError;
 pub use init::{Initial, first_colors_bytes, initialise, radiance_scale_of, start_scale};
 pub use neighbourhood::Neighbourhood;
-pub use peers::ToneMapperRecord;
+pub use peers::{ToneMapperRecord, one_exposure};
 pub use pixel_weights::NoiseChoice;
 pub use poses::{ALIGNMENT_STEPS, AlignmentScene, PoseChange, PoseReport, align_camera, pose_change};
 pub use reduce::RankViews;

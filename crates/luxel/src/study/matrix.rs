@@ -165,6 +165,7 @@ impl Matrix {
             train,
         };
         config.imply_supervision(&ExplicitArgs::default());
+        config.imply_exposure();
         Ok(Cell { source, method, seed, folder: RunFolder::at(&self.root.join(&place)), place, config, job: None })
     }
 

@@ -112,6 +112,12 @@ choices! {
         HdrGs: "hdr-gs",
         /// No splats: a radiance field on a hash grid, of softplus radiance (NeRF)
         NerfGrid: "nerf-grid",
+        /// No splats: a field of log radiance and a tone mapper, trained on captured images of
+        /// several exposures alone (HDR-NeRF)
+        HdrNerfGrid: "hdr-nerf-grid",
+        /// No splats: a field of captured values of one exposure, which networks lift to radiance,
+        /// trained on captured images beside the radiance (Mono-HDR-NeRF)
+        MonoHdrNerfGrid: "mono-hdr-nerf-grid",
     }
 
     /// Scales of radiance under the mu-law.
@@ -217,12 +223,17 @@ impl NamedChoice for Antialias {
 impl Method {
     /// Returns whether steps see a captured image beside the radiance of its pose.
     pub fn trains_on_pairs(self) -> bool {
-        matches!(self, Self::HdrGs)
+        matches!(self, Self::HdrGs | Self::MonoHdrNerfGrid)
+    }
+
+    /// Returns whether the captured images that it sees must all have one exposure.
+    pub fn needs_one_exposure(self) -> bool {
+        self == Self::MonoHdrNerfGrid
     }
 
     /// Returns whether the method trains a radiance field, which has no splats.
     pub fn is_field(self) -> bool {
-        self == Self::NerfGrid
+        matches!(self, Self::NerfGrid | Self::HdrNerfGrid | Self::MonoHdrNerfGrid)
     }
 }
 

@@ -119,6 +119,8 @@ impl OptionSpec {
 pub enum Condition {
     /// The colour model is LCD.
     Lcd,
+    /// A radiance field is trained.
+    Field,
     /// A radiance field is trained on radiance.
     NerfGrid,
     /// Splats are added by adaptive density control.
@@ -143,8 +145,9 @@ pub enum Condition {
 
 impl Condition {
     /// All conditions.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Lcd,
+        Self::Field,
         Self::NerfGrid,
         Self::Adc,
         Self::Mcmc,
@@ -160,7 +163,7 @@ impl Condition {
     /// Returns the name of the option that makes the choice.
     pub fn option(self) -> &'static str {
         match self {
-            Self::Lcd | Self::NerfGrid | Self::Pairs => "method",
+            Self::Lcd | Self::Field | Self::NerfGrid | Self::Pairs => "method",
             Self::Adc | Self::Mcmc => "strategy",
             Self::Absgrad => "absgrad",
             Self::Batch => "batch",
@@ -175,6 +178,7 @@ impl Condition {
         match self {
             Self::Lcd => "lcd",
             Self::Pairs => "hdr-gs",
+            Self::Field => "nerf-grid, hdr-nerf-grid or mono-hdr-nerf-grid",
             Self::NerfGrid => "nerf-grid",
             Self::Adc => "adc",
             Self::Mcmc => "mcmc",
@@ -190,6 +194,7 @@ impl Condition {
         match self {
             Self::Lcd => Some(config.method == Method::Lcd),
             Self::Pairs => Some(config.method.trains_on_pairs()),
+            Self::Field => Some(config.method.is_field()),
             Self::NerfGrid => Some(config.method == Method::NerfGrid),
             Self::Adc => Some(config.strategy == Strategy::Adc),
             Self::Mcmc => Some(config.strategy == Strategy::Mcmc),
@@ -333,4 +338,4 @@ macro_rules! text_options {
     };
 }
 
-text_options!(crate::ResolutionSchedule, crate::NoiseChoice);
+text_options!(crate::ResolutionSchedule, crate::NoiseChoice, super::FieldNetworkChoice);

@@ -14,6 +14,13 @@ pub(crate) fn check_options(config: &TrainConfig) -> Result<(), TrainError> {
     if !config.method.trains_on_pairs() {
         return Ok(());
     }
+    if config.ldr_weight + config.hdr_weight == 0.0 {
+        return Err(TrainError::config("hdr_weight", "found 0 beside an ldr_weight of 0, expected one above 0"));
+    }
+    // What splats alone have is not applied to a field.
+    if config.method.is_field() {
+        return Ok(());
+    }
     let method = config.method.name();
     let refused = |option: &'static str, found: String, expected: &str| {
         Err(TrainError::config(option, format!("found {found}, expected {expected}: method {method} has no other")))
@@ -31,9 +38,6 @@ pub(crate) fn check_options(config: &TrainConfig) -> Result<(), TrainError> {
         TrainConfig { vignetting: true, .. } => refused("vignetting", "true".to_owned(), "false"),
         TrainConfig { refine_poses: true, .. } => refused("refine_poses", "true".to_owned(), "false"),
         TrainConfig { background, .. } if *background != [0.0; 3] => refused("background", format!("{background:?}"), "0"),
-        TrainConfig { ldr_weight, hdr_weight, .. } if *ldr_weight + *hdr_weight == 0.0 => {
-            Err(TrainError::config("hdr_weight", "found 0 beside an ldr_weight of 0, expected one above 0"))
-        }
         _ => Ok(()),
     }
 }

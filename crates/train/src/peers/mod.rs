@@ -22,6 +22,7 @@ use serde::{Deserialize, Serialize};
 
 pub(crate) use self::check::check_options;
 pub(crate) use self::hdr_gs::HdrGsStep;
+pub use self::pair::one_exposure;
 pub(crate) use self::pair::{check_pairs, exposure_of, turn};
 pub use self::tone_mappers::ToneMapperRecord;
 use self::tone_mappers::ToneMappers;

@@ -1,4 +1,5 @@
-//! The captured image of a step: which of those of a pose it is.
+//! The captured image of a step: which of those of a pose it is, and the one exposure that some
+//! methods need.
 //!
 //! In: a view with its captured images, the step. Out: the index of one of them. Each pose takes
 //! its captured images in turn, and poses begin at different ones, so over as many epochs as there
@@ -8,6 +9,8 @@
 use luxel_core::{PixelValues, View};
 
 use crate::TrainError;
+
+const NO_CAPTURED_IMAGE: &str = "has no captured image beside its radiance, expected one or more";
 
 /// Returns the index of the captured image of a view that `step` sees, of `views` views.
 pub(crate) fn turn(step: u32, index: usize, views: usize, recordings: usize) -> usize {
@@ -23,13 +26,29 @@ pub(crate) fn exposure_of(recording: &View) -> Option<f32> {
     }
 }
 
+/// Returns the exposure that all captured images beside the training views have, seconds.
+///
+/// # Errors
+/// [`TrainError::NeedsOneExposure`] if they differ, [`TrainError::NeedsPairs`] without any.
+pub fn one_exposure(train: &[View], method: &'static str) -> Result<f32, TrainError> {
+    let mut exposures_s: Vec<f32> = train.iter().flat_map(|view| &view.recordings).filter_map(exposure_of).collect();
+    exposures_s.sort_by(f32::total_cmp);
+    exposures_s.dedup();
+    match (&exposures_s[..], train.first()) {
+        ([exposure_s], _) => Ok(*exposure_s),
+        ([], Some(view)) => Err(TrainError::NeedsPairs { method, view: view.name.clone(), reason: NO_CAPTURED_IMAGE }),
+        ([], None) => Err(TrainError::NoTrainViews),
+        _ => Err(TrainError::NeedsOneExposure { method, exposures_s }),
+    }
+}
+
 /// Checks that every training view is radiance with captured images beside it, seen by a pinhole.
 pub(crate) fn check_pairs(train: &[View], method: &'static str) -> Result<(), TrainError> {
     for view in train {
         let reason = if view.values != PixelValues::Radiance {
             "is a captured image, expected radiance with captured images beside it"
         } else if view.recordings.is_empty() {
-            "has no captured image beside its radiance, expected one or more"
+            NO_CAPTURED_IMAGE
         } else if !view.camera.projection.is_pinhole() {
             "is of a lens that is no pinhole, expected pinhole cameras"
         } else {
