@@ -167,7 +167,7 @@ fn data_and_options_that_do_not_fit_are_refused_by_name() {
     refused("captured", "mono-hdr-nerf-grid", &[], &["captured images of 0.25, 2, 16 s", "expected one exposure", "--exposures middle"]);
     refused("captured", "mono-hdr-nerf-grid", &["--supervision", "ldr"], &["beside radiance", "--supervision both"]);
     refused("captured", "nerf-grid", &["--supervision", "ldr"], &["learns from radiance", "hdr-nerf-grid"]);
-    refused("captured", "mono-hdr-nerf-grid", &["--exposures", "1", "--hdr-weight", "0", "--ldr-weight", "0"], &["hdr_weight"]);
+    refused("captured", "mono-hdr-nerf-grid", &["--exposures", "1", "--hdr-weight", "0", "--ldr-weight", "0"], &["--hdr-weight"]);
     refused("captured", "mono-hdr-nerf-grid", &["--unit-exposure", "0.7"], &["--unit-exposure", "hdr-nerf-grid"]);
     refused("captured", "hdr-nerf-grid", &["--hdr-weight", "1"], &["--hdr-weight"]);
     refused("captured", "hdr-nerf-grid", &["--field-loss", "linear"], &["--field-loss", "--method nerf-grid"]);
@@ -181,8 +181,8 @@ fn data_and_options_that_do_not_fit_are_refused_by_name() {
     record(&place);
     // An image of another size.
     image::RgbImage::new(SIDE as u32 / 2, SIDE as u32).save(place.path("captured/train/r_2_1.png")).unwrap();
-    refused("captured", "hdr-nerf-grid", &[], &["r_2_1"]);
-    refused("captured", "mono-hdr-nerf-grid", &["--exposures", "1"], &["r_2_1"]);
+    refused("captured", "hdr-nerf-grid", &[], &["r_2_0", "the image is 12 x 24 pixels"]);
+    refused("captured", "mono-hdr-nerf-grid", &["--exposures", "1"], &["r_2_0", "the image is 12 x 24 pixels"]);
     assert!(!place.path("run").exists());
 }
 
