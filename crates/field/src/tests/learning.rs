@@ -209,13 +209,13 @@ fn a_field_learns_pairs() {
 fn a_deep_network_learns_a_room() {
     let dataset = room();
     let network = FieldNetwork::Layers { layers: 4, units: 32 };
-    let mut trainer = FieldTrainer::new(&dataset, FieldConfig { network, ..options(160) }, 2).unwrap();
+    let mut trainer = FieldTrainer::new(&dataset, FieldConfig { network, ..options(300) }, 2).unwrap();
     let mut losses = Vec::new();
     while !trainer.is_finished() {
         losses.push(trainer.step().unwrap().loss);
     }
     // At the published rate a network needs thousands of steps; these show the way.
-    assert!(mean(&losses[120..]) < 0.95 * mean(&losses[..40]), "{} {}", mean(&losses[..40]), mean(&losses[120..]));
+    assert!(mean(&losses[260..]) < 0.85 * mean(&losses[..40]), "{} {}", mean(&losses[..40]), mean(&losses[260..]));
     assert_eq!(Field::from_arrays(trainer.field().shape(), trainer.field().arrays()).unwrap(), *trainer.field());
 }
 
