@@ -67,7 +67,8 @@ def noisy(x, electrons, rng):
 
 
 def write_pairs(scene, described, train, out, electrons, rng):
-    """HDR-NeRF's layout: train/r_<pose>_<exposure>.png beside train_hdr/hdr_<pose>.exr."""
+    """HDR-NeRF's layout: train/r_<pose>_<exposure>.png beside train_hdr/hdr_<pose>.exr, and so for test."""
+    noise = {"train": rng, "test": np.random.default_rng(rng.bit_generator.seed_seq.spawn(1)[0])}
     head = {key: value for key, value in described.items() if key != "frames"}
     frames, exposures, poses = {"train": [], "test": []}, {"train": {}, "test": {}}, {"train": 0, "test": 0}
     for frame in described["frames"]:
@@ -78,13 +79,10 @@ def write_pairs(scene, described, train, out, electrons, rng):
         target = out / f"{part}_hdr" / f"hdr_{pose:03}.exr"
         target.parent.mkdir(exist_ok=True)
         shutil.copy(source, target)
-        if part == "test":
-            frames[part].append({**frame, "file_path": f"test/r_{pose}_0"})
-            continue
         radiance = read_exr(source)
         for k, seconds in enumerate(EXPOSURES_S):
-            write_png(out / f"train/r_{pose}_{k}.png", response(noisy(radiance * seconds, electrons, rng)))
-            frames[part].append({**frame, "file_path": f"train/r_{pose}_{k}"})
+            write_png(out / f"{part}/r_{pose}_{k}.png", response(noisy(radiance * seconds, electrons, noise[part])))
+            frames[part].append({**frame, "file_path": f"{part}/r_{pose}_{k}"})
             exposures[part][f"r_{pose}_{k}.png"] = seconds
     for part in ["train", "test"]:
         described = {**head, "frames": frames[part], "ply_file_path": "points.ply"}

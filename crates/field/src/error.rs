@@ -15,6 +15,16 @@ pub enum FieldError {
     /// An image that cannot be read again.
     #[error(transparent)]
     Read(#[from] luxel_core::ReadError),
+    /// A view of other values than the objective reads.
+    #[error("view {view}: {found}, expected {expected}")]
+    Values {
+        /// Name of the view.
+        view: String,
+        /// Its values.
+        found: &'static str,
+        /// Those that are read.
+        expected: &'static str,
+    },
     /// No pixel takes part.
     #[error("no training view has a valid pixel")]
     NoPixels,

@@ -6,10 +6,14 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::error::FieldError;
-use crate::grid::{Grid, GridShape};
-use crate::networks::{Networks, Parameters, Room, position_blocks};
+use crate::grid::Grid;
+use crate::head::ColorHead;
+use crate::networks::{Networks, Room, position_blocks};
+use crate::objective::Objective;
 use crate::occupancy::Occupancy;
+use crate::options::FieldConfig;
 use crate::space::Space;
+use crate::trunk::{FieldNetwork, Parameters};
 use luxel_core::random;
 
 /// Bound of the features at the start.
@@ -20,8 +24,10 @@ const CHUNK: usize = 2048;
 /// The shape and the place of a field, without its parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FieldShape {
-    /// Size of the hash grid.
-    pub grid: GridShape,
+    /// The map from positions to density and colour.
+    pub network: FieldNetwork,
+    /// The meaning of raw colours.
+    pub head: ColorHead,
     /// The cube that the field fills.
     pub space: Space,
 }
@@ -29,7 +35,7 @@ pub struct FieldShape {
 /// The arrays of a field, for files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FieldArrays {
-    /// Features of the hash grid, level by level.
+    /// Features of the hash grid, level by level; none without a grid.
     pub table: Vec<f32>,
     /// Weights and biases of the networks.
     pub weights: Vec<f32>,
@@ -50,14 +56,18 @@ pub struct Field {
 
 impl Field {
     /// Returns a field around the cameras and points of a data set, with random parameters.
-    pub(crate) fn initial(dataset: &Dataset, shape: GridShape, seed: u64) -> Self {
+    pub(crate) fn initial(dataset: &Dataset, options: &FieldConfig) -> Self {
+        let (network, head, seed) = (options.network, options.objective.head(), options.seed);
         let space = Space::around(dataset);
-        let (grid, occupancy) = (Grid::new(shape), Occupancy::seen_by(dataset.train.iter().map(|view| &view.camera), &space));
-        let networks = Networks::new(grid.width());
+        let (grid, occupancy) = (network.grid(), Occupancy::seen_by(dataset.train.iter().map(|view| &view.camera), &space));
+        let networks = Networks::new(network, &grid, head);
         let feature = |index: usize| INITIAL_FEATURE * (2.0 * random::uniform(seed, index as u64) - 1.0);
         let table = (0..grid.len()).into_par_iter().map(feature).collect();
-        let weights = networks.initial(random::bits(seed, u64::MAX));
-        Self { shape: FieldShape { grid: shape, space }, grid, networks, table, weights, occupancy }
+        let mut weights = networks.initial(random::bits(seed, u64::MAX));
+        if let Objective::Captured { unit_value } = options.objective {
+            networks.head.start_curves(&mut weights[networks.before_head()..], unit_value);
+        }
+        Self { shape: FieldShape { network, head, space }, grid, networks, table, weights, occupancy }
     }
 
     /// Returns the field with these arrays.
@@ -66,18 +76,16 @@ impl Field {
     /// [`FieldError::Arrays`] if a shape is out of range, or an array of another length or not
     /// finite.
     pub fn from_arrays(shape: FieldShape, arrays: FieldArrays) -> Result<Self, FieldError> {
-        let GridShape { levels, log2_entries, coarsest, finest } = shape.grid;
-        if !(1..=32).contains(&levels) || !(4..=26).contains(&log2_entries) || coarsest < 2 || finest < coarsest || finest > 1 << 16 {
-            return Err(FieldError::Arrays(format!(
-                "hash grid of {levels} levels, 2^{log2_entries} entries, {coarsest} to {finest} points"
-            )));
+        let FieldShape { network, head, space } = shape;
+        if !network.is_valid() {
+            return Err(FieldError::Arrays(format!("sizes out of range: {network:?}")));
         }
-        let Space { center, side, near } = shape.space;
+        let Space { center, side, near } = space;
         if !(side.is_finite() && side > 0.0 && near.is_finite() && near >= 0.0 && center.iter().all(|c| c.is_finite())) {
             return Err(FieldError::Arrays(format!("cube of side {side}, expected a finite number above 0")));
         }
-        let grid = Grid::new(shape.grid);
-        let networks = Networks::new(grid.width());
+        let grid = network.grid();
+        let networks = Networks::new(network, &grid, head);
         for (name, array, expected) in [("table", &arrays.table, grid.len()), ("weights", &arrays.weights, networks.len())] {
             if array.len() != expected {
                 return Err(FieldError::Arrays(format!("{name} has {} numbers, expected {expected}", array.len())));

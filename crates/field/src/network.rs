@@ -1,4 +1,5 @@
-//! Small dense networks: layers with biases, ReLU between them, nothing after the last.
+//! Dense networks: layers with biases, ReLU between them, nothing after the last or a ReLU there,
+//! too.
 //!
 //! In: blocks of sixteen samples, `[blocks, inputs]` vectors. Out: `[blocks, outputs]`, and on the
 //! way back the gradient by the inputs and by the weights. Weights of a layer are `[inputs,
@@ -15,6 +16,7 @@ use luxel_core::random;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Network {
     sizes: Vec<usize>,
+    ends_in_relu: bool,
 }
 
 /// Inputs and outputs of all layers of a network for some blocks of samples. Vector number 0 holds
@@ -36,7 +38,17 @@ struct Layer<'a> {
 
 impl Network {
     pub(crate) fn new(sizes: &[usize]) -> Self {
-        Self { sizes: sizes.to_vec() }
+        Self { sizes: sizes.to_vec(), ends_in_relu: false }
+    }
+
+    /// Returns a network with a ReLU after its last layer.
+    pub(crate) fn ending_in_relu(sizes: &[usize]) -> Self {
+        Self { sizes: sizes.to_vec(), ends_in_relu: true }
+    }
+
+    /// Returns the number of outputs.
+    pub(crate) fn outputs(&self) -> usize {
+        self.sizes.last().copied().unwrap_or(0)
     }
 
     /// Returns the number of weights and biases.
@@ -71,7 +83,7 @@ impl Network {
             weights = rest;
             let layer = Layer { inputs, outputs, weights: own };
             let (before, after) = room.layers.split_at_mut(k + 1);
-            layer.forward(simd, &before[k], &mut after[0], k + 2 < self.sizes.len());
+            layer.forward(simd, &before[k], &mut after[0], self.ends_in_relu || k + 2 < self.sizes.len());
         }
     }
 
@@ -80,6 +92,9 @@ impl Network {
     /// [`Activations::by_inputs`].
     #[inline(always)]
     pub(crate) fn backward<S: Simd>(&self, simd: S, weights: &[f32], room: &mut Activations, gradient: &mut [f32]) {
+        if self.ends_in_relu {
+            room.mask_outputs();
+        }
         let mut end = self.len();
         for k in (0..self.sizes.len() - 1).rev() {
             let (inputs, outputs) = (self.sizes[k], self.sizes[k + 1]);
@@ -94,6 +109,10 @@ impl Network {
 }
 
 impl Activations {
+    pub(crate) fn inputs(&self) -> &[Lanes] {
+        self.layers.first().map_or(&[], Vec::as_slice)
+    }
+
     pub(crate) fn outputs(&self) -> &[Lanes] {
         self.layers.last().map_or(&[], Vec::as_slice)
     }
@@ -104,6 +123,14 @@ impl Activations {
 
     pub(crate) fn by_inputs(&self) -> &[Lanes] {
         self.gradients.first().map_or(&[], Vec::as_slice)
+    }
+
+    /// Removes the gradient by outputs that are 0 behind a ReLU.
+    fn mask_outputs(&mut self) {
+        let (Some(outputs), Some(by_outputs)) = (self.layers.last(), self.gradients.last_mut()) else { return };
+        for (by, output) in by_outputs.iter_mut().zip(outputs) {
+            by.0.iter_mut().zip(output.0).filter(|(_, output)| *output <= 0.0).for_each(|(by, _)| *by = 0.0);
+        }
     }
 }
 

@@ -1,37 +1,29 @@
 //! The networks of a field, and their evaluation at samples of rays.
 //!
 //! In: blocks of positions and the directions of their rays. Out: density, and the raw colours that
-//! [`crate::head`] reads. The density network maps the grid's features to 16 numbers, of which the
-//! first is ln density; the colour network maps those and the harmonics of the direction to
-//! colours.
+//! [`crate::head`] reads. The [trunk](crate::trunk) maps a position to ln density and more numbers;
+//! the colour network maps those and the direction to colours. Weights are those of the trunk, of
+//! the colour network and of the head.
 
 use std::ops::Range;
 
 use fearless_simd::Simd;
-use luxel_core::sh;
 
 use crate::grid::Grid;
+use crate::head::{ColorHead, Head, RAW};
 use crate::lanes::{LANES, Lanes, resize};
 use crate::network::{Activations, Network};
+use crate::trunk::{FieldNetwork, Parameters, Trunk, TrunkRoom};
 
-/// Units of a hidden layer.
-const HIDDEN: usize = 32;
-/// Outputs of the density network.
-const GEOMETRY: usize = 16;
-/// Degree of the harmonics of the direction.
-const SH_DEGREE: usize = 3;
-/// Numbers that describe a direction.
-pub(crate) const DIRECTION: usize = sh::coefficients(SH_DEGREE);
 /// Largest ln density: the exponential and its gradient stay in range.
 pub(crate) const MAX_LOG_DENSITY: f32 = 15.0;
-/// Raw colours of a sample.
-pub(crate) const RAW: usize = 3;
 
 /// The shapes of a field's networks.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Networks {
-    density: Network,
+    trunk: Trunk,
     color: Network,
+    pub(crate) head: Head,
 }
 
 /// The samples of some rays.
@@ -43,15 +35,18 @@ pub(crate) struct Samples {
     pub(crate) middles: Vec<f32>,
     /// Number of the first sample of each ray, and the number of all.
     pub(crate) starts: Vec<usize>,
-    /// Harmonics of each ray's direction.
-    pub(crate) directions: Vec<[f32; DIRECTION]>,
+    /// Direction of each ray, a unit vector.
+    pub(crate) directions: Vec<[f32; 3]>,
 }
 
 /// Memory for the evaluation of samples.
 #[derive(Debug, Default)]
 pub(crate) struct Room {
-    density: Activations,
+    trunk: TrunkRoom,
     color: Activations,
+    /// For the head, channel by channel.
+    pub(crate) head: [Activations; RAW],
+    direction: Vec<f32>,
 }
 
 impl Samples {
@@ -66,11 +61,7 @@ impl Samples {
     /// Begins a ray.
     pub(crate) fn begin(&mut self, direction: [f32; 3]) {
         self.starts.push(self.len());
-        let mut basis = [0f32; sh::MAX_COEFFICIENTS];
-        sh::basis(SH_DEGREE, direction, &mut basis);
-        let mut harmonics = [0.0; DIRECTION];
-        harmonics.copy_from_slice(&basis[..DIRECTION]);
-        self.directions.push(harmonics);
+        self.directions.push(direction);
     }
 
     /// Adds a sample to the ray that was begun last.
@@ -107,19 +98,32 @@ impl Samples {
 }
 
 impl Networks {
-    /// Returns networks for a grid with `features` features.
-    pub(crate) fn new(features: usize) -> Self {
-        Self { density: Network::new(&[features, HIDDEN, GEOMETRY]), color: Network::new(&[GEOMETRY + DIRECTION, HIDDEN, HIDDEN, RAW]) }
+    /// Returns networks for a grid, which has no levels where the trunk needs none.
+    pub(crate) fn new(network: FieldNetwork, grid: &Grid, head: ColorHead) -> Self {
+        let trunk = Trunk::new(network, grid);
+        let color = Network::new(&trunk.color_sizes());
+        Self { trunk, color, head: Head::new(head) }
     }
 
     /// Returns the number of weights and biases.
     pub(crate) fn len(&self) -> usize {
-        self.density.len() + self.color.len()
+        self.before_head() + self.head.len()
+    }
+
+    /// Returns the number of weights and biases in front of those of the head.
+    pub(crate) fn before_head(&self) -> usize {
+        self.trunk.len() + self.color.len()
+    }
+
+    /// Returns those of the head among all weights.
+    pub(crate) fn of_head<'a>(&self, weights: &'a [f32]) -> &'a [f32] {
+        &weights[self.before_head()..self.len()]
     }
 
     pub(crate) fn initial(&self, seed: u64) -> Vec<f32> {
-        let mut weights = self.density.initial(seed);
+        let mut weights = self.trunk.initial(seed);
         weights.extend(self.color.initial(!seed));
+        weights.extend(self.head.initial(seed.rotate_left(16)));
         weights
     }
 
@@ -134,11 +138,9 @@ impl Networks {
         room: &mut Room,
         densities: &mut Vec<f32>,
     ) {
-        let blocks = positions.len() / 3;
-        grid.encode(simd, parameters.table, positions, self.density.inputs(blocks, &mut room.density));
-        self.density.forward(simd, &parameters.weights[..self.density.len()], &mut room.density);
+        self.trunk.forward(simd, grid, parameters, positions, &mut room.trunk);
         densities.clear();
-        let logs = room.density.outputs().chunks_exact(GEOMETRY).flat_map(|block| block[0].0);
+        let logs = room.trunk.last.outputs().chunks_exact(self.trunk.outputs()).flat_map(|block| block[0].0);
         densities.extend(logs.map(|log| log.min(MAX_LOG_DENSITY).exp()));
     }
 
@@ -146,25 +148,29 @@ impl Networks {
     /// 3]`.
     #[inline(always)]
     pub(crate) fn colors<'a, S: Simd>(&self, simd: S, parameters: Parameters<'_>, samples: &Samples, room: &'a mut Room) -> &'a [Lanes] {
-        let width = GEOMETRY + DIRECTION;
-        let inputs = self.color.inputs(samples.blocks(), &mut room.color);
-        for (input, geometry) in inputs.chunks_exact_mut(width).zip(room.density.outputs().chunks_exact(GEOMETRY)) {
-            input[..GEOMETRY].copy_from_slice(geometry);
+        let Room { trunk, color, direction, .. } = room;
+        let (outputs, read) = (self.trunk.outputs(), self.trunk.colors_read());
+        let width = read + self.trunk.direction_len();
+        let inputs = self.color.inputs(samples.blocks(), color);
+        for (input, geometry) in inputs.chunks_exact_mut(width).zip(trunk.last.outputs().chunks_exact(outputs)) {
+            input[..read].copy_from_slice(&geometry[outputs - read..]);
         }
-        for (ray, direction) in samples.directions.iter().enumerate() {
+        for (ray, toward) in samples.directions.iter().enumerate() {
+            self.trunk.describe_direction(*toward, direction);
             for sample in samples.of_ray(ray) {
-                let rows = &mut inputs[sample / LANES * width + GEOMETRY..][..DIRECTION];
-                for (row, value) in rows.iter_mut().zip(direction) {
+                let rows = &mut inputs[sample / LANES * width + read..][..direction.len()];
+                for (row, value) in rows.iter_mut().zip(&*direction) {
                     row.0[sample % LANES] = *value;
                 }
             }
         }
-        self.color.forward(simd, &parameters.weights[self.density.len()..self.len()], &mut room.color);
-        room.color.outputs()
+        self.color.forward(simd, &parameters.weights[self.trunk.len()..self.before_head()], color);
+        color.outputs()
     }
 
-    /// Adds the gradient by the weights, given that by densities and raw colours (in
-    /// [`Room::by_raw`]), and returns the gradient by the grid's features `[blocks, features]`.
+    /// Adds the gradient by the weights in front of the head, given that by densities and raw
+    /// colours (in [`Room::by_raw`]), and returns the gradient by the grid's features `[blocks,
+    /// features]`.
     #[inline(always)]
     pub(crate) fn backward<'a, S: Simd>(
         &self,
@@ -174,14 +180,16 @@ impl Networks {
         room: &'a mut Room,
         gradient: &mut [f32],
     ) -> &'a [Lanes] {
-        let split = self.density.len();
-        let (of_density, of_color) = gradient.split_at_mut(split);
-        self.color.backward(simd, &parameters.weights[split..self.len()], &mut room.color, &mut of_color[..self.color.len()]);
-        let by_inputs = room.color.by_inputs().chunks_exact(GEOMETRY + DIRECTION);
-        let logs: Vec<Lanes> = room.density.outputs().iter().step_by(GEOMETRY).copied().collect();
-        let by_outputs = room.density.by_outputs().chunks_exact_mut(GEOMETRY);
+        let split = self.trunk.len();
+        let (of_trunk, of_color) = gradient.split_at_mut(split);
+        self.color.backward(simd, &parameters.weights[split..self.before_head()], &mut room.color, &mut of_color[..self.color.len()]);
+        let (outputs, read) = (self.trunk.outputs(), self.trunk.colors_read());
+        let by_inputs = room.color.by_inputs().chunks_exact(read + self.trunk.direction_len());
+        let logs: Vec<Lanes> = room.trunk.last.outputs().iter().step_by(outputs).copied().collect();
+        let by_outputs = room.trunk.last.by_outputs().chunks_exact_mut(outputs);
         for (block, (by_output, by_input)) in by_outputs.zip(by_inputs).enumerate() {
-            by_output.copy_from_slice(&by_input[..GEOMETRY]);
+            by_output[0] = Lanes::ZERO;
+            by_output[outputs - read..].copy_from_slice(&by_input[..read]);
             for lane in 0..LANES {
                 let log = logs[block].0[lane];
                 // Behind the limit there is no gradient but that of the limit itself, so that a
@@ -190,8 +198,7 @@ impl Networks {
                 by_output[0].0[lane] += by_density.get(block * LANES + lane).copied().unwrap_or(0.0) * slope;
             }
         }
-        self.density.backward(simd, &parameters.weights[..split], &mut room.density, of_density);
-        room.density.by_inputs()
+        self.trunk.backward(simd, &parameters.weights[..split], &mut room.trunk, of_trunk)
     }
 }
 
@@ -200,15 +207,6 @@ impl Room {
     pub(crate) fn by_raw(&mut self) -> &mut [Lanes] {
         self.color.by_outputs()
     }
-}
-
-/// The numbers of a field that training changes.
-#[derive(Clone, Copy)]
-pub(crate) struct Parameters<'a> {
-    /// Features of the grid.
-    pub(crate) table: &'a [f32],
-    /// Weights and biases of the networks.
-    pub(crate) weights: &'a [f32],
 }
 
 /// Spreads numbers by sample, `[samples, 3]`, over blocks, `[blocks, 3]`, with 0 after the last.

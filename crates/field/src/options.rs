@@ -3,8 +3,8 @@
 use luxel_core::RadianceScale;
 use serde::{Deserialize, Serialize};
 
-use crate::grid::GridShape;
-use crate::loss::PixelLoss;
+use crate::objective::Objective;
+use crate::trunk::FieldNetwork;
 
 /// Options of training a field.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -13,12 +13,12 @@ pub struct FieldConfig {
     pub iterations: u32,
     /// Seed of everything random.
     pub seed: u64,
-    /// The loss.
-    pub loss: PixelLoss,
+    /// The images that the field learns from, and how it is compared.
+    pub objective: Objective,
     /// mu of the mu-law.
     pub mu: f32,
     /// Radiance of one normalised unit, data-set units.
     pub radiance_scale: RadianceScale,
-    /// Size of the hash grid.
-    pub grid: GridShape,
+    /// The map from positions to density and colour.
+    pub network: FieldNetwork,
 }

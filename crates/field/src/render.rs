@@ -9,10 +9,8 @@ use luxel_core::{Camera, Image, Layers};
 use rayon::prelude::*;
 
 use crate::field::Field;
-use crate::head::softplus;
-use crate::lanes::LANES;
 use crate::march::March;
-use crate::networks::{RAW, Room, Samples};
+use crate::networks::{Room, Samples, from_blocks};
 use crate::sampling::MIN_TRANSMITTANCE;
 
 /// Pixels that a thread renders at a time.
@@ -101,7 +99,9 @@ impl Field {
                 active.push((i, March::new(ray, space.near, 0.5), ray.direction));
             }
         }
-        let mut densities = Vec::new();
+        let (mut densities, mut raw, mut colors) = (Vec::new(), Vec::new(), Vec::new());
+        let (head, of_head) = (&self.networks.head, self.networks.of_head(&self.weights));
+        let channels = head.kind.channels();
         while !active.is_empty() {
             samples.clear();
             for (_, march, direction) in &mut active {
@@ -113,7 +113,8 @@ impl Field {
             }
             samples.end();
             self.networks.densities(simd, &self.grid, self.parameters(), &samples.positions, room, &mut densities);
-            let raw = self.networks.colors(simd, self.parameters(), samples, room);
+            from_blocks(self.networks.colors(simd, self.parameters(), samples, room), samples.len(), &mut raw);
+            head.forward(simd, of_head, &raw, &mut room.head, &mut colors);
             let mut ray = 0;
             active.retain(|(i, ..)| {
                 let (of_ray, pixel) = (samples.of_ray(ray), &mut pixels[*i]);
@@ -125,7 +126,7 @@ impl Field {
                     pixel.transmittance *= 1.0 - alpha;
                     pixel.moment += weight * samples.middles[sample];
                     for c in 0..3 {
-                        pixel.color[c] += weight * softplus(raw[sample / LANES * RAW + c].0[sample % LANES]);
+                        pixel.color[c] += weight * colors[channels * sample + c];
                     }
                 }
                 has_more && pixel.transmittance > MIN_TRANSMITTANCE

@@ -7,6 +7,7 @@
 use fearless_simd::Simd;
 
 use crate::field::Field;
+use crate::head::MAX_CHANNELS;
 use crate::lanes::Lanes;
 use crate::march::{Interval, March};
 use crate::networks::{Room, Samples, position_blocks};
@@ -17,16 +18,23 @@ pub(crate) const MIN_TRANSMITTANCE: f32 = 1e-4;
 /// Intervals of a ray that are evaluated at a time.
 const ROUND: usize = 16;
 
-/// A ray with what it should show.
-#[derive(Clone, Copy)]
+/// A ray with what it should show. What the objective does not read is 0.
+#[derive(Clone, Copy, Default)]
 pub(crate) struct TrainingRay {
     pub(crate) ray: Ray,
     pub(crate) shift: f32,
     /// Normalised units.
-    pub(crate) target: [f32; 3],
+    pub(crate) radiance: [f32; 3],
+    /// Captured values.
+    pub(crate) captured: [f32; 3],
+    /// ln of the exposure of one normalised unit, radiance times seconds.
+    pub(crate) log_exposure: f32,
+    /// Weight of the pixel of the view.
     pub(crate) weight: f32,
-    /// Radiance behind everything, normalised units.
-    pub(crate) background: [f32; 3],
+    /// Weight of the pixel of the captured image beside the view's radiance.
+    pub(crate) captured_weight: f32,
+    /// Channels behind everything: radiance in normalised units, captured values.
+    pub(crate) background: [f32; MAX_CHANNELS],
 }
 
 /// Memory for finding samples.

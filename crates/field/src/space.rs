@@ -33,7 +33,7 @@ pub struct Space {
 }
 
 /// A ray in the coordinates of the cube.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Ray {
     pub(crate) origin: [f32; 3],
     /// Unit vector.

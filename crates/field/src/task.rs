@@ -6,20 +6,36 @@
 
 use fearless_simd::Simd;
 
+use crate::compare::{CompareRoom, Comparison};
 use crate::field::Field;
-use crate::head::{logistic, softplus};
+use crate::head::MAX_CHANNELS;
 use crate::lanes::Lanes;
 use crate::networks::{Room, Samples, from_blocks, into_blocks};
 use crate::options::FieldConfig;
 use crate::sampling::{Sampling, TrainingRay};
 use crate::volume::{Composited, Intervals, composite};
 
-/// A part of a step, with memory for it.
+/// Parts of a step.
+pub(crate) const TASKS: usize = 64;
+
+/// The results of a part of a step.
 #[derive(Default)]
 pub(crate) struct Task {
     pub(crate) samples: Samples,
+    /// Gradient by the grid's features, `[blocks, features]`.
+    pub(crate) by_features: Vec<Lanes>,
+    /// Gradient by the networks' weights.
+    pub(crate) gradient: Vec<f32>,
+    /// Sum over the rays, without the distortion loss.
+    pub(crate) loss: f64,
+}
+
+/// Memory for a part of a step, which any part can use after another.
+#[derive(Default)]
+pub(crate) struct TaskRoom {
     sampling: Sampling,
     room: Room,
+    compare: CompareRoom,
     densities: Vec<f32>,
     raw: Vec<f32>,
     colors: Vec<f32>,
@@ -27,12 +43,10 @@ pub(crate) struct Task {
     transmittance: Vec<f32>,
     by_density: Vec<f32>,
     by_colors: Vec<f32>,
-    /// Gradient by the grid's features, `[blocks, features]`.
-    pub(crate) by_features: Vec<Lanes>,
-    /// Gradient by the networks' weights.
-    pub(crate) gradient: Vec<f32>,
-    /// Sum over the rays, without the distortion loss.
-    pub(crate) loss: f64,
+    by_raw: Vec<f32>,
+    /// Composited channels of each ray, and the gradient by them.
+    of_rays: Vec<f32>,
+    by_rays: Vec<f32>,
 }
 
 /// Everything that the tasks of a step share.
@@ -48,48 +62,62 @@ pub(crate) struct StepContext<'a> {
 
 impl Task {
     #[inline(always)]
-    pub(crate) fn run<S: Simd>(&mut self, simd: S, context: StepContext<'_>, rays: &[TrainingRay]) {
+    pub(crate) fn run<S: Simd>(&mut self, simd: S, context: StepContext<'_>, rays: &[TrainingRay], room: &mut TaskRoom) {
         let StepContext { field, options, share, distortion_weight } = context;
         let (networks, parameters) = (&field.networks, field.parameters());
-        self.sampling.find(simd, field, rays, &mut self.room, &mut self.samples);
+        let (head, of_head) = (&networks.head, networks.of_head(&field.weights));
+        let channels = head.kind.channels();
+        room.sampling.find(simd, field, rays, &mut room.room, &mut self.samples);
         let count = self.samples.len();
-        networks.densities(simd, &field.grid, parameters, &self.samples.positions, &mut self.room, &mut self.densities);
-        let raw = networks.colors(simd, parameters, &self.samples, &mut self.room);
-        from_blocks(raw, count, &mut self.raw);
-        self.colors.clear();
-        self.colors.extend(self.raw.iter().map(|raw| softplus(*raw)));
-        for room in [&mut self.weights, &mut self.transmittance, &mut self.by_density] {
-            room.resize(count, 0.0);
+        networks.densities(simd, &field.grid, parameters, &self.samples.positions, &mut room.room, &mut room.densities);
+        from_blocks(networks.colors(simd, parameters, &self.samples, &mut room.room), count, &mut room.raw);
+        head.forward(simd, of_head, &room.raw, &mut room.room.head, &mut room.colors);
+        for numbers in [&mut room.weights, &mut room.transmittance, &mut room.by_density] {
+            numbers.resize(count, 0.0);
         }
-        self.by_colors.resize(3 * count, 0.0);
-        self.loss = 0.0;
-        for (number, ray) in rays.iter().enumerate() {
-            let of_ray = self.samples.of_ray(number);
-            let of_colors = 3 * of_ray.start..3 * of_ray.end;
-            let intervals = Intervals {
-                density: &self.densities[of_ray.clone()],
-                length: &self.samples.lengths[of_ray.clone()],
-                middle: &self.samples.middles[of_ray.clone()],
-                colors: &self.colors[of_colors.clone()],
-            };
-            let (weights, transmittance) = (&mut self.weights[of_ray.clone()], &mut self.transmittance[of_ray.clone()]);
-            let (mut color, mut by_color) = ([0.0; 3], [0.0; 3]);
-            composite(intervals, &ray.background, weights, transmittance, &mut color);
-            let loss = options.loss.pixel(&color, ray.target, options.mu, &mut by_color);
-            self.loss += f64::from(ray.weight * loss);
-            let factor = ray.weight * share;
-            let by_color = by_color.map(|by| by * factor);
-            let composited = Composited { intervals, background: &ray.background, weights, transmittance };
-            composited.backward(&by_color, factor * distortion_weight, &mut self.by_density[of_ray], &mut self.by_colors[of_colors]);
+        room.by_colors.resize(channels * count, 0.0);
+        for numbers in [&mut room.of_rays, &mut room.by_rays] {
+            numbers.resize(channels * rays.len(), 0.0);
         }
-        for (by, raw) in self.by_colors.iter_mut().zip(&self.raw) {
-            *by *= logistic(*raw);
-        }
-        into_blocks(&self.by_colors, self.room.by_raw());
         self.gradient.clear();
         self.gradient.resize(networks.len(), 0.0);
-        let by_features = networks.backward(simd, parameters, &self.by_density, &mut self.room, &mut self.gradient);
+        let (in_front, by_head) = self.gradient.split_at_mut(networks.before_head());
+        for (number, (ray, color)) in rays.iter().zip(room.of_rays.chunks_exact_mut(channels)).enumerate() {
+            let of_ray = self.samples.of_ray(number);
+            let intervals = intervals(&self.samples, &room.densities, &room.colors, number, channels);
+            let (weights, transmittance) = (&mut room.weights[of_ray.clone()], &mut room.transmittance[of_ray]);
+            composite(intervals, &ray.background[..channels], weights, transmittance, color);
+        }
+        let comparison = Comparison { options, head, weights: of_head, share };
+        self.loss = comparison.rays(simd, rays, &room.of_rays, &mut room.compare, &mut room.by_rays, by_head);
+        for (number, (ray, by_color)) in rays.iter().zip(room.by_rays.chunks_exact(channels)).enumerate() {
+            let of_ray = self.samples.of_ray(number);
+            let of_colors = channels * of_ray.start..channels * of_ray.end;
+            let composited = Composited {
+                intervals: intervals(&self.samples, &room.densities, &room.colors, number, channels),
+                background: &ray.background[..channels],
+                weights: &room.weights[of_ray.clone()],
+                transmittance: &room.transmittance[of_ray.clone()],
+            };
+            let distortion_weight = ray.weight * share * distortion_weight;
+            composited.backward(by_color, distortion_weight, &mut room.by_density[of_ray], &mut room.by_colors[of_colors]);
+        }
+        head.backward(simd, of_head, &room.raw, &mut room.room.head, &room.by_colors, &mut room.by_raw, by_head);
+        into_blocks(&room.by_raw, room.room.by_raw());
+        let by_features = networks.backward(simd, parameters, &room.by_density, &mut room.room, in_front);
         self.by_features.clear();
         self.by_features.extend_from_slice(by_features);
+    }
+}
+
+/// Returns the intervals of a ray.
+fn intervals<'a>(samples: &'a Samples, densities: &'a [f32], colors: &'a [f32], ray: usize, channels: usize) -> Intervals<'a> {
+    let of_ray = samples.of_ray(ray);
+    debug_assert!(channels <= MAX_CHANNELS);
+    Intervals {
+        density: &densities[of_ray.clone()],
+        length: &samples.lengths[of_ray.clone()],
+        middle: &samples.middles[of_ray.clone()],
+        colors: &colors[channels * of_ray.start..channels * of_ray.end],
     }
 }

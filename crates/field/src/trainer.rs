@@ -3,28 +3,34 @@
 //! In: a data set's training views, in memory; options. Out: a [`Field`] in normalised units.
 //!
 //! A step draws pixels of all views, marches their rays through the occupied cells, evaluates the
-//! networks at the samples, renders, and goes back. As many rays are drawn as gave
-//! [`SAMPLES_PER_STEP`] samples at the density of the last step. All random numbers are hashes of
-//! (seed, step, index), so that a resumed training needs no generator.
+//! networks at the samples, renders, compares by the [`Objective`], and goes back. As many rays are
+//! drawn as gave [`SAMPLES_PER_STEP`] samples at the density of the last step. All random numbers
+//! are hashes of (seed, step, index), so that a resumed training needs no generator.
 //!
 //! Determinism: a step's rays are divided into [`TASKS`] parts whatever the number of threads. A
 //! part sums the gradient of the networks' weights by itself, and the parts are added in their
 //! order. The gradient of a level of the grid is summed by one thread, sample by sample.
 
+use std::sync::{Mutex, PoisonError};
+
 use fearless_simd::Level;
 use glam::DVec2;
-use luxel_core::{Dataset, View};
+use luxel_core::{Dataset, PixelValues};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::adam::{Moving, Rate};
 use crate::error::FieldError;
 use crate::field::{Field, FieldArrays, FieldShape};
+use crate::head::{MAX_CHANNELS, RAW};
 use crate::loss::PixelLoss;
+use crate::objective::Objective;
 use crate::options::FieldConfig;
 use crate::sampling::TrainingRay;
-use crate::task::{StepContext, Task};
+use crate::task::{StepContext, TASKS, Task, TaskRoom};
 use crate::threads::start_threads;
+use crate::trunk::FieldNetwork;
+use crate::views::TrainingViews;
 use luxel_core::random;
 
 /// Samples that a step aims at.
@@ -33,10 +39,11 @@ const SAMPLES_PER_STEP: usize = 1 << 16;
 const FIRST_RAYS: usize = 256;
 /// Least and greatest number of rays of a step.
 const RAYS: [usize; 2] = [64, 1 << 15];
-/// Parts of a step.
-const TASKS: usize = 64;
-/// Learning rate at its highest, of all parameters.
+/// Learning rate at its highest, of a hash grid and its networks.
 const LEARNING_RATE: f32 = 1e-2;
+/// Learning rate at its highest of a network without a grid, and of the networks of heads, as
+/// NeRF, HDR-NeRF and Mono-HDR-NeRF have it.
+const NETWORK_RATE: f32 = 5e-4;
 /// Steps over which the learning rate rises.
 const WARM_UP: u32 = 100;
 /// Parts of the run after each of which the learning rate is multiplied by [`DECAY`].
@@ -97,15 +104,10 @@ pub struct FieldTrainer {
     moments: Moments,
     gradient: Vec<f32>,
     tasks: Vec<Task>,
+    /// Memory for tasks, one for each that ran at the same time.
+    rooms: Mutex<Vec<TaskRoom>>,
     threads: rayon::ThreadPool,
     level: Level,
-}
-
-/// The views that a field is trained on, in memory.
-struct TrainingViews {
-    views: Vec<View>,
-    /// Number of the first pixel of each view, and the number of all.
-    starts: Vec<u64>,
 }
 
 /// Adam's running means: those of the table, then those of the networks' weights.
@@ -122,8 +124,8 @@ impl FieldTrainer {
     /// that the system refuses.
     pub fn new(dataset: &Dataset, options: FieldConfig, threads: usize) -> Result<Self, FieldError> {
         let pool = start_threads(threads)?;
-        let views = TrainingViews::load(dataset)?;
-        let field = pool.install(|| Field::initial(dataset, options.grid, options.seed));
+        let views = TrainingViews::load(dataset, options.objective)?;
+        let field = pool.install(|| Field::initial(dataset, &options));
         let count = field.parameter_count();
         let state = FieldState { options, planned: options.iterations, step: 0, rays: FIRST_RAYS };
         Ok(Self::assemble(field, state, views, Moments { first: vec![0.0; count], second: vec![0.0; count] }, pool))
@@ -135,9 +137,12 @@ impl FieldTrainer {
     /// As [`Self::new`]; [`FieldError::Arrays`] for a snapshot that is none.
     pub fn resume(dataset: &Dataset, snapshot: FieldSnapshot, threads: usize) -> Result<Self, FieldError> {
         let pool = start_threads(threads)?;
-        let views = TrainingViews::load(dataset)?;
         let FieldSnapshot { shape, arrays, first, second, state } = snapshot;
+        let views = TrainingViews::load(dataset, state.options.objective)?;
         let field = Field::from_arrays(shape, arrays)?;
+        if shape.head != state.options.objective.head() || shape.network != state.options.network {
+            return Err(FieldError::Arrays(format!("{:?}, {:?} for {:?}", shape.network, shape.head, state.options)));
+        }
         for moments in [&first, &second] {
             if moments.len() != field.parameter_count() || moments.iter().any(|value| !value.is_finite()) {
                 let expected = field.parameter_count();
@@ -154,7 +159,7 @@ impl FieldTrainer {
         let mut tasks = Vec::new();
         tasks.resize_with(TASKS, Task::default);
         let gradient = vec![0.0; field.table.len()];
-        Self { field, state, views, moments, gradient, tasks, threads, level: Level::new() }
+        Self { field, state, views, moments, gradient, tasks, rooms: Mutex::default(), threads, level: Level::new() }
     }
 
     /// Returns the field as it stands.
@@ -213,11 +218,13 @@ impl FieldTrainer {
             share: (count as f32).recip(),
             distortion_weight: DISTORTION_WEIGHT,
         };
-        let (level, tasks) = (self.level, &mut self.tasks);
+        let (level, tasks, rooms) = (self.level, &mut self.tasks, &self.rooms);
         self.threads.install(|| {
             tasks.par_iter_mut().enumerate().for_each(|(part, task)| {
                 let rays = rays.chunks(per_task).nth(part).unwrap_or(&[]);
-                fearless_simd::dispatch!(level, simd => task.run(simd, context, rays));
+                let mut room = lock(rooms).pop().unwrap_or_default();
+                fearless_simd::dispatch!(level, simd => task.run(simd, context, rays, &mut room));
+                lock(rooms).push(room);
             });
         });
         let samples: usize = self.tasks.iter().map(|task| task.samples.len()).sum();
@@ -225,7 +232,7 @@ impl FieldTrainer {
         if !loss.is_finite() {
             return Err(FieldError::NotFinite { step });
         }
-        self.update(Rate::new(self.learning_rate(step), step));
+        self.update(step);
         if step.is_multiple_of(OCCUPANCY_EVERY) {
             let (field, all) = (&mut self.field, step <= OCCUPANCY_ALL_UNTIL);
             self.threads.install(|| field.update_occupancy(level, !seed, all));
@@ -236,48 +243,69 @@ impl FieldTrainer {
         Ok(FieldStep { loss, rays: rays.len(), samples })
     }
 
-    fn learning_rate(&self, step: u32) -> f32 {
+    /// Returns a learning rate at a step.
+    fn rate(&self, highest: f32, step: u32) -> Rate {
         let part = f64::from(step) / f64::from(self.state.planned.max(1));
         let passed = MILESTONES.iter().filter(|milestone| part > **milestone).count();
         let warm = (step as f32 / WARM_UP as f32).min(1.0);
-        LEARNING_RATE * warm * DECAY.powi(passed as i32)
+        Rate::new(highest * warm * DECAY.powi(passed as i32), step)
     }
 
     /// Draws the rays of a step.
     fn draw(&self, seed: u64) -> Vec<TrainingRay> {
-        let space = self.field.shape().space;
+        let (space, scale) = (self.field.shape().space, self.state.options.radiance_scale);
         let draw = |index: usize| {
-            let (view, pixel) = self.views.pixel(random::bits(seed, 2 * index as u64))?;
+            let (training, pixel) = self.views.pixel(random::bits(seed, 2 * index as u64))?;
+            let view = &training.view;
             let width = view.camera.size_px[0] as usize;
             let ray = space.ray(&view.camera, DVec2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5))?;
             let weight = luxel_core::mask::weight(view.mask.as_deref(), pixel);
-            let target = self.state.options.radiance_scale.normalised(view.image.pixels[pixel]);
-            Some(TrainingRay {
-                ray,
-                shift: random::uniform(seed, 2 * index as u64 + 1),
-                target,
-                weight,
-                background: self.behind(seed, index as u64),
+            let shift = random::uniform(seed, 2 * index as u64 + 1);
+            let drawn = TrainingRay { ray, shift, weight, background: self.behind(seed, index as u64), ..TrainingRay::default() };
+            let value = view.image.pixels[pixel];
+            Some(match (view.values, &training.captured) {
+                (PixelValues::Recorded { exposure_s }, _) => {
+                    TrainingRay { captured: value, log_exposure: scale.exposure(exposure_s, [1.0; 3])[0].ln(), ..drawn }
+                }
+                (PixelValues::Radiance, None) => TrainingRay { radiance: scale.normalised(value), ..drawn },
+                (PixelValues::Radiance, Some(beside)) => TrainingRay {
+                    radiance: scale.normalised(value),
+                    captured: beside.image.pixels[pixel],
+                    captured_weight: luxel_core::mask::weight(beside.mask.as_deref(), pixel),
+                    ..drawn
+                },
             })
         };
         self.threads.install(|| (0..self.state.rays).into_par_iter().filter_map(draw).collect())
     }
 
-    /// Draws the radiance behind a ray. It differs from step to step, so that only an opaque field
+    /// Draws the channels behind a ray. They differ from step to step, so that only an opaque field
     /// explains the images.
-    fn behind(&self, seed: u64, ray: u64) -> [f32; 3] {
-        let FieldConfig { loss, mu, .. } = self.state.options;
-        [0, 1, 2].map(|c| {
-            let value = random::uniform(!seed, 3 * ray + c);
-            match loss {
-                PixelLoss::Linear => value,
-                PixelLoss::Mulaw => (value * mu.ln_1p()).exp_m1() / mu,
-            }
-        })
+    fn behind(&self, seed: u64, ray: u64) -> [f32; MAX_CHANNELS] {
+        let FieldConfig { objective, mu, .. } = self.state.options;
+        let value = |c: u64| random::uniform(!seed, 3 * ray + c);
+        let mut channels = [0.0; MAX_CHANNELS];
+        for (channel, c) in channels.iter_mut().zip(0..RAW as u64) {
+            *channel = match objective {
+                Objective::Radiance { loss: PixelLoss::Linear } => value(c),
+                _ => (value(c) * mu.ln_1p()).exp_m1() / mu,
+            };
+        }
+        // From a stream of their own: radiance behind a ray must not tell its captured value.
+        for (channel, c) in channels[RAW..].iter_mut().zip(0..RAW as u64) {
+            *channel = random::uniform(seed.rotate_left(32), 3 * ray + c);
+        }
+        channels
     }
 
     /// Moves all parameters against the gradient of the tasks.
-    fn update(&mut self, rate: Rate) {
+    fn update(&mut self, step: u32) {
+        let of_field = match self.state.options.network {
+            FieldNetwork::Grid(_) => LEARNING_RATE,
+            FieldNetwork::Layers { .. } => NETWORK_RATE,
+        };
+        let (rate, of_head) = (self.rate(of_field, step), self.rate(NETWORK_RATE, step));
+        let objective = self.state.options.objective;
         let Self { field, moments: Moments { first, second }, gradient, tasks, threads, level, .. } = self;
         let (level, table_len) = (*level, field.table.len());
         let (grid, tasks) = (&field.grid, &*tasks);
@@ -309,35 +337,22 @@ impl FieldTrainer {
         for task in tasks {
             sum.iter_mut().zip(&task.gradient).for_each(|(sum, value)| *sum += value);
         }
-        let moving = Moving { parameters: &mut field.weights, first: first_weights, second: second_weights };
-        fearless_simd::dispatch!(level, simd => rate.update(simd, moving, &sum));
+        let split = field.networks.before_head();
+        if let Objective::Captured { unit_value } = objective {
+            field.networks.head.unit_loss(&field.weights[split..], unit_value, &mut sum[split..]);
+        }
+        let (parameters, head) = field.weights.split_at_mut(split);
+        let (first, first_head) = first_weights.split_at_mut(split);
+        let (second, second_head) = second_weights.split_at_mut(split);
+        let (sum, sum_head) = sum.split_at(split);
+        let moving = Moving { parameters, first, second };
+        fearless_simd::dispatch!(level, simd => rate.update(simd, moving, sum));
+        let moving = Moving { parameters: head, first: first_head, second: second_head };
+        fearless_simd::dispatch!(level, simd => of_head.update(simd, moving, sum_head));
     }
 }
 
-impl TrainingViews {
-    /// Reads the training views into memory, and numbers their pixels.
-    fn load(dataset: &Dataset) -> Result<Self, FieldError> {
-        let mut views = Vec::with_capacity(dataset.train.len());
-        let mut starts = vec![0];
-        let mut has_pixels = false;
-        for view in &dataset.train {
-            view.validate()?;
-            let view = view.loaded()?;
-            has_pixels |= (0..view.image.pixels.len()).any(|i| view.is_valid(i));
-            starts.push(starts.last().unwrap_or(&0) + view.pixel_count());
-            views.push(view);
-        }
-        match (views.is_empty(), has_pixels) {
-            (true, _) => Err(FieldError::NoTrainViews),
-            (_, false) => Err(FieldError::NoPixels),
-            _ => Ok(Self { views, starts }),
-        }
-    }
-
-    /// Returns the view and the number in it of the pixel that random bits choose among all.
-    fn pixel(&self, bits: u64) -> Option<(&View, usize)> {
-        let pixel = bits.checked_rem(*self.starts.last()?)?;
-        let number = self.starts.partition_point(|start| *start <= pixel).checked_sub(1)?;
-        Some((self.views.get(number)?, (pixel - self.starts[number]) as usize))
-    }
+/// Locks the memory for tasks. A task that panicked leaves none behind.
+fn lock(rooms: &Mutex<Vec<TaskRoom>>) -> std::sync::MutexGuard<'_, Vec<TaskRoom>> {
+    rooms.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -207,14 +207,24 @@ pub fn evaluate(
         GainFit::None | GainFit::PerView | GainFit::Known(_) => [0.0; 3],
     };
     let indices: Vec<usize> = (0..views.len()).collect();
+    // The render of the view before, if the next one has its camera.
+    let mut shared: Option<Image> = None;
     for batch in indices.chunks(measures.batch(views)) {
         let mut pairs = Vec::with_capacity(batch.len());
         for index in batch {
-            let view = views[*index].loaded()?;
+            let (view, shared_render) = (views[*index].loaded()?, shared.take());
             if !has_valid_pixel(&view) {
                 continue;
             }
-            let mut prediction = vignetted_render(engine, options, &view)?;
+            let render = match shared_render {
+                Some(render) => render,
+                None => engine.render(&view.camera, options)?,
+            };
+            // Captured images of one pose come one after another, and are compared with one render.
+            if views.get(index + 1).is_some_and(|next| next.camera == view.camera) {
+                shared = Some(render.clone());
+            }
+            let mut prediction = vignetted(render, &view);
             match measures.gain_fit {
                 GainFit::None => {}
                 GainFit::Common => multiply(&mut prediction, common),
@@ -276,11 +286,15 @@ fn common_gain(
 
 /// Renders a view with the vignetting of its target.
 fn vignetted_render(engine: &mut dyn Engine, options: &RenderOptions, view: &View) -> Result<Image, EngineError> {
-    let mut image = engine.render(&view.camera, options)?;
+    Ok(vignetted(engine.render(&view.camera, options)?, view))
+}
+
+/// Returns a render with the vignetting of a view's target.
+fn vignetted(mut image: Image, view: &View) -> Image {
     if let Some(vignetting) = &view.target.vignetting {
         vignetting.apply(&mut image);
     }
-    Ok(image)
+    image
 }
 
 fn multiply(image: &mut Image, log_gain: [f32; 3]) {

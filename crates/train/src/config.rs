@@ -5,6 +5,7 @@
 //! together.
 
 mod choices;
+mod field_network;
 mod options;
 mod preset;
 mod range;
@@ -14,6 +15,7 @@ mod validate;
 pub use choices::{
     BatchRule, CutoffPreset, ExposureCompensation, FieldLoss, Freeze, HdrNormalisation, Method, NamedChoice, Preset, ScaleRule, Strategy,
 };
+pub use field_network::FieldNetworkChoice;
 pub use options::{OPTIONS, TrainConfig};
 pub use range::Range;
 pub use spec::{Condition, OptionSpec, ValueHelp};
@@ -86,7 +88,8 @@ impl TrainConfig {
 
     fn sh_degree(&self) -> Option<u8> {
         match self.method {
-            Method::Lcd | Method::LogSh3 | Method::HdrGs | Method::GaussHdr | Method::NerfGrid => None,
+            Method::Lcd | Method::LogSh3 | Method::HdrGs | Method::GaussHdr => None,
+            Method::NerfGrid | Method::HdrNerfGrid | Method::MonoHdrNerfGrid => None,
             Method::Sh0 => Some(0),
             Method::Sh1 => Some(1),
             Method::Sh2 => Some(2),

@@ -38,7 +38,7 @@ mod views;
 mod vignetting;
 
 pub use config::{
-    BatchRule, Condition, CutoffPreset, ExposureCompensation, FieldLoss, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED,
+    BatchRule, Condition, CutoffPreset, ExposureCompensation, FieldLoss, FieldNetworkChoice, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED,
     MCMC_DEFAULT_MAX_SPLATS, Method, Misplaced, NamedChoice, OPTIONS, OptionSpec, Preset, Range, ScaleRule, Strategy, TrainConfig,
     ValueHelp, parse_rgb,
 };

@@ -1,42 +1,15 @@
 //! Exact gradients against central differences of the oracle.
 
 use fearless_simd::Level;
-use luxel_core::{RadianceScale, sh};
 
 use super::oracle::{self, difference};
-use crate::field::Field;
+use crate::PixelLoss;
 use crate::grid::Grid;
 use crate::lanes::{LANES, Lanes};
 use crate::network::{Activations, Network};
-use crate::networks::{Networks, position_blocks};
-use crate::occupancy::Occupancy;
-use crate::sampling::TrainingRay;
-use crate::space::Ray;
-use crate::task::{StepContext, Task};
+use crate::networks::position_blocks;
+use crate::tests::{SMALL, assert_close, numbers, wide};
 use crate::volume::{Composited, Intervals, composite};
-use crate::{FieldConfig, FieldShape, GridShape, PixelLoss, Space};
-use luxel_core::random;
-
-/// Dense and hashed levels, small enough for an oracle.
-const SMALL: GridShape = GridShape { levels: 4, log2_entries: 10, coarsest: 4, finest: 64 };
-
-fn numbers(seed: u64, count: usize, scale: f32) -> Vec<f32> {
-    (0..count as u64).map(|i| scale * (2.0 * random::uniform(seed, i) - 1.0)).collect()
-}
-
-fn wide(values: &[f32]) -> Vec<f64> {
-    values.iter().map(|value| f64::from(*value)).collect()
-}
-
-/// Asserts that two gradients agree to a part of the largest number of the second.
-#[track_caller]
-fn assert_close(found: &[f64], expected: &[f64], tolerance: f64) {
-    let largest = expected.iter().fold(0f64, |largest, value| largest.max(value.abs()));
-    assert!(largest > 0.0, "no gradient to compare with");
-    for (i, (found, expected)) in found.iter().zip(expected).enumerate() {
-        assert!((found - expected).abs() <= tolerance * largest, "number {i}: {found}, expected {expected} (largest {largest})");
-    }
-}
 
 fn positions(count: usize) -> Vec<[f32; 3]> {
     numbers(3, 3 * count, 0.5).chunks_exact(3).map(|p| [p[0] + 0.5, p[1] + 0.5, p[2] + 0.5]).collect()
@@ -162,80 +135,5 @@ fn losses_have_the_oracles_values_and_slopes() {
         assert_close(&[f64::from(value)], &[of(&wide(&prediction))], 1e-5);
         let expected: Vec<f64> = (0..3).map(|c| difference(&wide(&prediction), c, of)).collect();
         assert_close(&wide(&by), &expected, 1e-4);
-    }
-}
-
-/// A small field of dense fog, and options to train it with.
-fn fog(loss: PixelLoss) -> (Field, FieldConfig) {
-    let grid = Grid::new(SMALL);
-    let networks = Networks::new(grid.width());
-    let (table, weights) = (numbers(10, grid.len(), 1.0), networks.initial(11).iter().map(|w| 2.0 * w).collect());
-    let space = Space { center: [0.0; 3], side: 1.0, near: 0.0 };
-    let arrays = crate::FieldArrays { table, weights, occupancy: Occupancy::full(64).densities().to_vec() };
-    let field = Field::from_arrays(FieldShape { grid: SMALL, space }, arrays).unwrap();
-    (field, FieldConfig { iterations: 1, seed: 0, loss, mu: 5000.0, radiance_scale: RadianceScale::ONE, grid: SMALL })
-}
-
-#[test]
-fn the_whole_step_has_the_oracles_loss_and_gradients() {
-    for loss in [PixelLoss::Linear, PixelLoss::Mulaw] {
-        let (mut field, options) = fog(loss);
-        // Few cells, so that the oracle has few samples.
-        field.occupancy.keep(|[x, y, z]| (x + 2 * y + 3 * z) % 23 == 0);
-        let rays: Vec<TrainingRay> = (0..5)
-            .map(|i| {
-                let d = numbers(20 + i, 3, 1.0);
-                let direction = glam::Vec3::new(d[0], d[1], d[2]).normalize().to_array();
-                let target = [0.5, 0.1 + 0.1 * i as f32, 1.5];
-                TrainingRay {
-                    ray: Ray { origin: [0.5; 3], direction },
-                    shift: 0.2 * i as f32,
-                    target,
-                    weight: 1.0 - 0.1 * i as f32,
-                    background: [0.2, 0.5, 0.1],
-                }
-            })
-            .collect();
-        let context = StepContext { field: &field, options: &options, share: 0.2, distortion_weight: 0.05 };
-        let (level, mut task) = (Level::new(), Task::default());
-        fearless_simd::dispatch!(level, simd => task.run(simd, context, &rays));
-        let mut by_table = vec![0.0; field.table.len()];
-        for number in 0..field.grid.levels() {
-            let part = &mut by_table[field.grid.numbers(number)];
-            fearless_simd::dispatch!(level, simd => field.grid.scatter(simd, number, &task.samples.positions, &task.by_features, part));
-        }
-        let samples = &task.samples;
-        assert!((20..2000).contains(&samples.len()), "{}", samples.len());
-        let width = field.grid.width();
-        let (density, color) = ([width, 32, 16], [32, 32, 32, 3]);
-        let split = (width + 1) * 32 + 33 * 16;
-        let total = |table: &[f64], weights: &[f64]| -> f64 {
-            let of_ray = |(number, ray): (usize, &TrainingRay)| {
-                let mut basis = [0f64; sh::MAX_COEFFICIENTS];
-                sh::basis(3, ray.ray.direction.map(f64::from), &mut basis);
-                let mut found = oracle::Ray { density: vec![], length: vec![], middle: vec![], colors: vec![] };
-                for i in samples.of_ray(number) {
-                    let at = [0, 1, 2].map(|axis| f64::from(samples.positions[3 * (i / LANES) + axis].0[i % LANES]));
-                    let mut geometry = oracle::network(&density, &weights[..split], &oracle::encode(SMALL, table, at));
-                    found.density.push(geometry[0].exp());
-                    geometry.extend(&basis[..16]);
-                    let raw = oracle::network(&color, &weights[split..], &geometry);
-                    found.colors.push([0, 1, 2].map(|c| raw[c].exp().ln_1p()));
-                    found.length.push(f64::from(samples.lengths[i]));
-                    found.middle.push(f64::from(samples.middles[i]));
-                }
-                let (color, distortion) = found.composite(ray.background);
-                f64::from(ray.weight) * 0.2 * (0.05 * distortion + oracle::pixel_loss(loss, color, ray.target, 5000.0))
-            };
-            rays.iter().enumerate().map(of_ray).sum()
-        };
-        let (table, weights) = (wide(&field.table), wide(&field.weights));
-        let chosen: Vec<usize> = (0..weights.len()).step_by(61).collect();
-        let expected: Vec<f64> = chosen.iter().map(|i| difference(&weights, *i, |w| total(&table, w))).collect();
-        assert_close(&chosen.iter().map(|i| f64::from(task.gradient[*i])).collect::<Vec<f64>>(), &expected, 1e-3);
-        let chosen: Vec<usize> = (0..table.len()).filter(|i| by_table[*i] != 0.0).step_by(29).collect();
-        assert!(chosen.len() > 10, "{}", chosen.len());
-        let expected: Vec<f64> = chosen.iter().map(|i| difference(&table, *i, |t| total(t, &weights))).collect();
-        assert_close(&chosen.iter().map(|i| f64::from(by_table[*i])).collect::<Vec<f64>>(), &expected, 1e-3);
     }
 }

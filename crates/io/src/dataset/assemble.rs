@@ -128,7 +128,7 @@ fn fingerprint(
         begun.text(match used.role {
             Role::Train => "train",
             Role::Test => "test",
-            Role::Captured => "captured",
+            Role::Captured | Role::CapturedTest => "captured",
         });
         begun.view(&l.view, &l.digest);
         begun.foreign_lens(used.frame.intrinsics.foreign_lens);
@@ -170,7 +170,7 @@ fn load_views(
         Some(PlannedImage {
             size_px: image_size(&used.frame.image).ok()?,
             has_weights: mask.is_some() || !lens.distortion.is_none() || !lens.projection.is_pinhole(),
-            is_train: used.role != Role::Test,
+            is_train: !matches!(used.role, Role::Test | Role::CapturedTest),
         })
     });
     let plan = plan(path, sizes, options.downscale, loading);
@@ -235,10 +235,12 @@ fn load_views(
 /// training view of its pose.
 fn places(used: &[SelectedFrame]) -> Vec<ViewPlace> {
     let train = used.iter().filter(|used| used.role == Role::Train).count();
+    let of_pose = |view: &SelectedFrame, role| used.iter().position(|other| other.role == role && other.source == view.source);
     let place = |(i, view): (usize, &SelectedFrame)| match view.role {
         Role::Train => ViewPlace::Train(i),
         Role::Test => ViewPlace::Test(i - train),
-        Role::Captured => ViewPlace::Train(used.iter().take(train).position(|other| other.source == view.source).unwrap_or(0)),
+        Role::Captured => ViewPlace::Train(of_pose(view, Role::Train).unwrap_or(0)),
+        Role::CapturedTest => ViewPlace::Test(of_pose(view, Role::Test).map_or(0, |i| i - train)),
     };
     used.iter().enumerate().map(place).collect()
 }

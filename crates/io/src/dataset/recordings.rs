@@ -191,9 +191,14 @@ pub(super) fn hdr_gs(finder: &Finder, scene: &Path, view: &str, stated: &BTreeMa
 /// Returns the frames that `frame` represents: where captured images are read, those of a training
 /// pose, or of a held-out one without radiance.
 pub(super) fn expanded(frame: &SourceFrame, is_held_out: bool) -> Vec<SourceFrame> {
-    if frame.recordings.is_empty() || (is_held_out && frame.image.is_file()) {
+    if frame.recordings.is_empty() || (is_held_out && frame.has_both()) {
         return vec![frame.clone()];
     }
+    beside(frame)
+}
+
+/// Returns the captured images of a frame as frames.
+pub(super) fn beside(frame: &SourceFrame) -> Vec<SourceFrame> {
     let recording = |recording: &Recording| SourceFrame {
         name: recording.name.clone(),
         image: recording.image.clone(),

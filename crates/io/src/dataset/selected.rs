@@ -8,7 +8,7 @@
 
 use std::path::Path;
 
-use luxel_core::View;
+use luxel_core::{PixelValues, View};
 
 use super::source::SourceFrame;
 use super::split::Part;
@@ -22,6 +22,8 @@ pub(super) enum Role {
     Test,
     /// A captured image beside the radiance of a training pose.
     Captured,
+    /// A captured image beside the radiance of a held-out pose.
+    CapturedTest,
 }
 
 /// An image to be read.
@@ -47,7 +49,7 @@ impl SelectedFrame {
     /// Returns the options that it is read with: beside radiance, captured images alone are read as
     /// such.
     pub(super) fn options<'o>(&self, given: &'o LoadOptions, captured: &'o LoadOptions) -> &'o LoadOptions {
-        if self.role == Role::Captured { captured } else { given }
+        if matches!(self.role, Role::Captured | Role::CapturedTest) { captured } else { given }
     }
 }
 
@@ -55,12 +57,13 @@ impl Split<'_> {
     /// Returns images of frames, by name; with the captured images of a frame in its place where
     /// those are asked for.
     fn images(&self, indices: &[usize], role: Role, of: Expansion) -> Vec<SelectedFrame> {
-        let part = if role == Role::Test { Part::Test } else { Part::Train };
+        let part = if matches!(role, Role::Test | Role::CapturedTest) { Part::Test } else { Part::Train };
         let expand = |i: &usize| {
             let (frame, source) = (self.frames[*i], self.order[*i]);
             let frames = match of {
                 Expansion::Frame => vec![frame.clone()],
                 Expansion::Captured => recordings::expanded(frame, part == Part::Test),
+                Expansion::Beside => recordings::beside(frame),
             };
             frames.into_iter().map(move |frame| SelectedFrame { frame: SourceFrame { part: Some(part), ..frame }, source, role })
         };
@@ -73,8 +76,10 @@ impl Split<'_> {
 enum Expansion {
     /// Its own.
     Frame,
-    /// Its captured ones, if it has any.
+    /// Its captured ones, if it has any; its own if that is radiance of a held-out pose.
     Captured,
+    /// Its captured ones.
+    Beside,
 }
 
 /// Returns the images to read.
@@ -93,7 +98,9 @@ pub(super) fn select(path: &Path, split: &Split<'_>, options: &LoadOptions) -> R
         }
         Supervision::Ldr => {
             let train = chosen(split.images(train, Role::Train, Expansion::Captured))?;
-            (train, split.images(test, Role::Test, Expansion::Captured), Vec::new())
+            let both: Vec<usize> = test.iter().copied().filter(|i| split.frames[*i].has_both()).collect();
+            let captured = split.images(&both, Role::CapturedTest, Expansion::Beside);
+            (train, split.images(test, Role::Test, Expansion::Captured), captured)
         }
         Supervision::Both => {
             recordings::check_pairs(train.iter().map(|i| split.frames[*i]))?;
@@ -109,8 +116,8 @@ pub(super) fn select(path: &Path, split: &Split<'_>, options: &LoadOptions) -> R
     Ok(used)
 }
 
-/// Returns training and test views of the images that were read, each training view with the
-/// captured images of its pose.
+/// Returns training and test views of the images that were read, each with the captured images
+/// that were read beside its radiance.
 pub(super) fn with_captured(
     path: &Path,
     views: impl Iterator<Item = View>,
@@ -121,16 +128,17 @@ pub(super) fn with_captured(
         match image.role {
             Role::Train => train.push(view),
             Role::Test => test.push(view),
-            Role::Captured => captured.push((image.source, view)),
+            Role::Captured | Role::CapturedTest => captured.push((image.source, view)),
         }
     }
     if captured.is_empty() {
         return Ok((train, test));
     }
-    for (view, image) in train.iter_mut().zip(used) {
+    // Those whose images are captured ones have none beside them.
+    for (view, image) in train.iter_mut().chain(&mut test).zip(used).filter(|(view, _)| view.values == PixelValues::Radiance) {
         let own = captured.iter().filter(|(source, _)| *source == image.source);
         view.recordings = own.map(|(_, view)| view.clone()).collect();
     }
-    train.iter().try_for_each(View::validate).map_err(|error| IoError::invalid(path, error))?;
+    train.iter().chain(&test).try_for_each(View::validate).map_err(|error| IoError::invalid(path, error))?;
     Ok((train, test))
 }

@@ -57,6 +57,13 @@ pub(super) struct SourceFrame {
     pub(super) part: Option<Part>,
 }
 
+impl SourceFrame {
+    /// Returns whether there is radiance, and captured images of the same pose.
+    pub(super) fn has_both(&self) -> bool {
+        !self.recordings.is_empty() && self.image.is_file()
+    }
+}
+
 /// A display-referred image of a known exposure.
 #[derive(Clone, Debug)]
 pub(super) struct Recording {

@@ -5,13 +5,14 @@
 use std::path::Path;
 use std::time::Instant;
 
-use luxel_core::{Dataset as CoreDataset, RadianceScale, Remedy};
-use luxel_field::{FieldConfig, FieldTrainer, GridShape, PixelLoss};
-use luxel_io::{ImageMemory, ImagePlan, IoError, Supervision, system_memory};
-use luxel_train::{FieldLoss, NamedChoice, TrainConfig};
+use luxel_core::{Dataset as CoreDataset, Remedy};
+use luxel_field::FieldTrainer;
+use luxel_io::{ImageMemory, ImagePlan, IoError, system_memory};
+use luxel_train::TrainConfig;
 
 use super::files::place_of;
 use super::newest::take_checkpoint;
+use super::objective::{check_exposures, network, options};
 use super::session::FieldSession;
 use crate::error::{Context, bail};
 use crate::run::state::start_anew;
@@ -45,7 +46,7 @@ pub fn fresh(
     config.to_toml().with_context(|| format!("{}: config.toml cannot hold these settings", config.dataset.display()))?;
     let dataset = open_dataset(&config.dataset_path(launch.folder.root()), &config, launch)?;
     let scale = luxel_train::start_scale(&dataset, &config.train).context("cannot start training")?;
-    let trainer = FieldTrainer::new(&dataset, options(&config.train, scale), selected.threads).context("cannot start training")?;
+    let trainer = FieldTrainer::new(&dataset, options(&config.train, scale)?, selected.threads).context("cannot start training")?;
     let lock = make_room(&dataset)?;
     launch.folder.write_config(&config)?;
     train(config, selected, launch, dataset, trainer, lock)
@@ -88,7 +89,7 @@ pub fn resume(config: RunConfig, selected: SelectedEngine, launch: Launch<'_>, l
         None if folder.field_iterations().is_empty() => {
             observer.note("the run ended before its first checkpoint; starting from the first step");
             let scale = luxel_train::start_scale(&dataset, &config.train).context("cannot start training")?;
-            FieldTrainer::new(&dataset, options(&config.train, scale), selected.threads).context("cannot start training")?
+            FieldTrainer::new(&dataset, options(&config.train, scale)?, selected.threads).context("cannot start training")?
         }
         None => {
             let message = format!("{}: has fields, but no checkpoint in checkpoints/ to continue from", folder.root().display());
@@ -103,9 +104,10 @@ pub fn resume(config: RunConfig, selected: SelectedEngine, launch: Launch<'_>, l
 /// per step.
 pub(crate) fn seconds_per_step(config: &RunConfig, [before, timed]: [usize; 2], observer: &dyn Observer) -> Result<f64> {
     let dataset = Dataset::open_reporting(&config.dataset, &config.load, observer)?;
+    check_exposures(&dataset, &config.train)?;
     let scale = luxel_train::start_scale(&dataset, &config.train)?;
     let threads = super::open_processor(&DeviceOptions { device: Device::Cpu, ..config.device.clone() })?.threads;
-    let mut trainer = FieldTrainer::new(&dataset, options(&config.train, scale), threads).context("cannot start training")?;
+    let mut trainer = FieldTrainer::new(&dataset, options(&config.train, scale)?, threads).context("cannot start training")?;
     for _ in 0..before {
         trainer.step().context("cannot train the field")?;
     }
@@ -116,22 +118,10 @@ pub(crate) fn seconds_per_step(config: &RunConfig, [before, timed]: [usize; 2], 
     Ok(start.elapsed().as_secs_f64() / timed.max(1) as f64)
 }
 
-/// Returns the options of a field's training.
-fn options(config: &TrainConfig, radiance_scale: RadianceScale) -> FieldConfig {
-    let loss = match config.field_loss.unwrap_or_default() {
-        FieldLoss::Linear => PixelLoss::Linear,
-        FieldLoss::Mulaw => PixelLoss::Mulaw,
-    };
-    FieldConfig { iterations: config.iterations, seed: config.seed, loss, mu: config.mu, radiance_scale, grid: GridShape::default() }
-}
-
 /// Reads the data set of a run. All its images are in memory: a step looks at pixels of all.
 fn open_dataset(path: &Path, config: &RunConfig, launch: Launch<'_>) -> Result<Dataset> {
-    if config.load.supervision != Supervision::Hdr {
-        let message = format!("supervision: {} learns from radiance, not from captured LDR images", config.train.method.name());
-        return Err(Error::new(message).with_remedy(Remedy::set("supervision", "hdr").or(Remedy::advice("train splats, such as lcd"))));
-    }
-    let needed = |plan: &ImagePlan| plan.decoded_bytes.saturating_add(FIELD_BYTES);
+    let of_network = network(&config.train)?.training_bytes(config.device.threads.map_or(1, |threads| threads as usize));
+    let needed = |plan: &ImagePlan| plan.decoded_bytes.saturating_add(FIELD_BYTES).saturating_add(of_network);
     let check = |plan: &ImagePlan| match system_memory().filter(|limit| needed(plan) > *limit) {
         None => Ok(()),
         Some(limit) => {
@@ -142,7 +132,9 @@ fn open_dataset(path: &Path, config: &RunConfig, launch: Launch<'_>) -> Result<D
     };
     let limits = ImageLimits { image_memory: ImageMemory::Auto, cache: None, check: Some(&check), keep: None };
     let planned = |plan: &ImagePlan| launch.observer.note(&format!("memory: about {}", text::bytes(needed(plan))));
-    Dataset::open_planned(path, &config.load, limits, launch.observer, &planned)
+    let dataset = Dataset::open_planned(path, &config.load, limits, launch.observer, &planned)?;
+    check_exposures(&dataset, &config.train).context("cannot start training")?;
+    Ok(dataset)
 }
 
 fn train(

@@ -10,15 +10,15 @@
 mod files;
 mod launch;
 mod newest;
+mod objective;
 mod session;
 
 use std::path::Path;
 
-use luxel_train::NamedChoice;
-
 pub use files::FieldScene;
 pub(crate) use launch::seconds_per_step;
 pub use launch::{TrainedField, fresh, resume};
+pub use luxel_field::{ColorHead, FieldNetwork};
 pub use newest::newest_field;
 
 use crate::error::Context;
@@ -49,7 +49,7 @@ pub fn refuse_field(folder: &RunFolder) -> Result<()> {
 }
 
 fn no_splats(root: &Path, config: &RunConfig) -> Error {
-    let message = format!("{}: holds a radiance field ({}), which has no splats", root.display(), config.train.method.name());
+    let message = format!("{}: holds a radiance field ({}), which has no splats", root.display(), config.method_name());
     Error::new(message).with_remedy(Remedy::advice("render or evaluate it, or train splats with another method, such as lcd"))
 }
 

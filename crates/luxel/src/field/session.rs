@@ -15,7 +15,7 @@ use crate::run::clock::Clock;
 use crate::run::evaluation::{Metrics, Rendering};
 use crate::run::log::{LOG_EVERY, LogRecord, RunLog};
 use crate::run::test_curve::TestCurve;
-use crate::run::{Launch, Outcome, RunConfig, RunFolder, report};
+use crate::run::{Captures, Launch, Outcome, RunConfig, RunFolder, report};
 use crate::{Error, Event, Result, build_info, files as text_files, memory, schema, text};
 
 /// A run of a field in progress.
@@ -193,7 +193,7 @@ impl FieldSession<'_> {
             peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
             flip: FlipChoice::Skip,
             lpips: None,
-            response: None,
+            response: self.trainer.field().response(),
             log_gains: BTreeMap::new(),
             progress: None,
         }
@@ -240,7 +240,12 @@ impl FieldSession<'_> {
         let test = rendering.evaluate(&self.dataset.test, Some(&images), GainFit::None)?;
         let finished = self.trainer.is_finished();
         let train = if finished { rendering.evaluate(&self.dataset.train, None, GainFit::None)? } else { None };
-        let splits = [("test", test), ("train", train)];
+        let fitted = rendering.evaluate_fitted(config, &self.dataset.test)?;
+        if let Some(knots) = rendering.response {
+            Captures::of_response(iteration, knots).write(folder)?;
+        }
+        let measured = [("test", test), ("train", train)].into_iter().filter_map(|(name, split)| Some((name, split?)));
+        let splits = measured.chain(fitted).map(|(name, split)| (name.to_owned(), split)).collect();
         let metrics = Metrics {
             method: config.method_name(),
             iterations: iteration,
@@ -261,7 +266,7 @@ impl FieldSession<'_> {
             poses: None,
             test_alignment: None,
             vignetting: Vec::new(),
-            splits: splits.into_iter().filter_map(|(name, split)| Some((name.to_owned(), split?))).collect(),
+            splits,
         };
         text_files::write_json(&folder.metrics(), schema::METRICS, &metrics)?;
         if finished {

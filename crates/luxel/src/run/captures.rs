@@ -44,6 +44,12 @@ struct ResponseTable {
     recorded: Knots,
 }
 
+impl ResponseTable {
+    fn new(recorded: Knots) -> Self {
+        Self { exposure: std::array::from_fn(exposure_of_knot), recorded }
+    }
+}
+
 impl Captures {
     /// Returns the gains, the response and the vignetting of a trainer, which was trained on
     /// `train`.
@@ -51,10 +57,14 @@ impl Captures {
         let logs = trainer.log_gains().unwrap_or_default();
         let stops = |log: &[f32; 3]| log.map(|log| log / std::f32::consts::LN_2);
         let gains_ev = train.iter().zip(logs).map(|(view, log)| (view.name.clone(), stops(log))).collect();
-        let table = |recorded| ResponseTable { exposure: std::array::from_fn(exposure_of_knot), recorded };
         let vignetting = trainer.vignetting().unwrap_or_default();
-        let (response, tone_mappers) = (trainer.response().map(table), trainer.tone_mappers());
+        let (response, tone_mappers) = (trainer.response().map(ResponseTable::new), trainer.tone_mappers());
         Self { iteration: trainer.iteration(), gains_ev, response, vignetting, tone_mappers }
+    }
+
+    /// Returns the response alone, of a run that has nothing else of this file.
+    pub(crate) fn of_response(iteration: u32, knots: Knots) -> Self {
+        Self { iteration, response: Some(ResponseTable::new(knots)), ..Self::default() }
     }
 
     /// Writes the file, if there is anything to write.

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use luxel_core::RadianceScale;
 use luxel_io::{ImageMemory, LoadOptions};
-use luxel_train::{Preset, TrainConfig};
+use luxel_train::{FieldNetworkChoice, NamedChoice, Preset, TrainConfig};
 use serde::{Deserialize, Serialize};
 
 use super::{ExplicitArgs, PlotLog};
@@ -353,10 +353,14 @@ impl RunConfig {
         Err(Error::new(message).with_remedy(remedy))
     }
 
-    /// Returns the name of the colour model's preset: `lcd`, `sh3`.
+    /// Returns the name of the method: `lcd`, `sh3`, `nerf-grid`. That of a field without a hash
+    /// grid has the network in its place: `nerf-8x256`.
     pub fn method_name(&self) -> String {
-        // The names of the files are those of the options.
-        toml::Value::try_from(self.train.method).ok().and_then(|name| Some(name.as_str()?.to_owned())).unwrap_or_default()
+        let name = self.train.method.name();
+        match self.train.field_network {
+            Some(network @ FieldNetworkChoice::Layers { .. }) => name.replace("-grid", &format!("-{network}")),
+            _ => name.to_owned(),
+        }
     }
 }
 

@@ -69,7 +69,7 @@ pub fn evaluate_run(
     observer: &dyn Observer,
 ) -> Result<Vec<(&'static str, SplitMetrics)>> {
     let EvaluationData { path, load, dataset } = data;
-    let LoadedRun { iteration, scene, selected, field_parameters } = state::load_newest(folder, config, selected, observer)?;
+    let LoadedRun { iteration, scene, selected, field } = state::load_newest(folder, config, selected, observer)?;
     let SelectedEngine { mut engine, threads, computed_by, .. } = selected;
     check_color_space(path, dataset, &scene)?;
     let is_own = output::is_same(path, &config.dataset_path(folder.root()));
@@ -87,7 +87,7 @@ pub fn evaluate_run(
         peak_luminance: metrics.peak_luminance,
         flip: metrics.flip,
         lpips: metrics.lpips,
-        response: state::response(folder, config, iteration)?,
+        response: state::response(folder, config, iteration, field.as_ref())?,
         log_gains: Captures::read(folder)?.log_gains_at(iteration),
         progress: Some(FrameProgress { observer, done: 0, total: count_frames(config, dataset) }),
     };
@@ -116,7 +116,7 @@ pub fn evaluate_run(
         method: config.method_name(),
         iterations: iteration,
         splats: scene.splats.len(),
-        field_parameters,
+        field_parameters: field.map(|field| field.parameters),
         train_seconds: spent.map_or(0.0, |record| record.elapsed_s),
         train_cpu_seconds: spent.and_then(|record| record.cpu_s),
         peak_rss_bytes: spent.and_then(|record| record.peak_rss_bytes).max(memory::peak_resident_bytes()),

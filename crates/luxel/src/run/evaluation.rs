@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use luxel_core::{ColorSpace, Dataset, Engine, Image, Knots, LossWeights, PixelValues, RadianceScale, RenderOptions, Scene, View};
-use luxel_io::{ExrOptions, ExrSample};
+use luxel_io::{ExrOptions, ExrSample, Supervision};
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips, Measures, SplitMetrics};
 use luxel_train::{AlignmentScene, ExposureCompensation, LensVignetting, PoseReport, align_camera, pose_change};
@@ -70,9 +70,9 @@ pub struct Metrics {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub vignetting: Vec<LensVignetting>,
     /// `test`, and at the end of training `train`; where poses were refined, `test_aligned`; where
-    /// a capture leaves gains open, `test_gain_common` or `test_gain_per_view` too; where the
-    /// method lifts colours, `test_folded` and `test_folded_gain_common`, of the scene without the
-    /// lift.
+    /// a capture leaves gains open, `test_gain_common` or `test_gain_per_view` too; where a response
+    /// is learned `test_ldr`, captured images of the test views; where the method lifts colours,
+    /// `test_folded` and `test_folded_gain_common`, of the scene without the lift.
     pub splits: BTreeMap<String, SplitMetrics>,
 }
 
@@ -109,6 +109,8 @@ pub const TEST_ALIGNED: &str = "test_aligned";
 /// Names of the splits of test views as the scene file shows them where the method lifts colours to
 /// radiance: without the lift, as they are and after one gain for all views.
 const FOLDED: [(&str, GainFit<'static>); 2] = [("test_folded", GainFit::None), ("test_folded_gain_common", GainFit::Common)];
+/// Name of the split of the captured images beside the radiance of test views.
+const TEST_LDR: &str = "test_ldr";
 
 /// Test views that were aligned to a scene.
 #[derive(Clone, Debug)]
@@ -154,8 +156,8 @@ impl Rendering<'_> {
         self.log_gains.get(&view.name).copied().unwrap_or_default()
     }
 
-    /// Measures the test views again, after the removal of gains that a capture does not determine.
-    /// Returns the metrics by name of the split.
+    /// Measures the test views again: after the removal of gains that a capture does not determine,
+    /// and in the captured images beside their radiance. Returns the metrics by name of the split.
     ///
     /// # Errors
     /// As [`Self::evaluate`].
@@ -163,6 +165,9 @@ impl Rendering<'_> {
         let mut splits = Vec::new();
         for (name, fit) in due_fits(config, views) {
             splits.extend(self.evaluate(views, None, fit)?.map(|split| (name, split)));
+        }
+        if self.response.is_some() {
+            splits.extend(self.evaluate(&captured_beside(views), None, GainFit::None)?.map(|split| (TEST_LDR, split)));
         }
         Ok(splits)
     }
@@ -284,13 +289,21 @@ fn due_fits(config: &RunConfig, views: &[View]) -> Vec<(&'static str, GainFit<'s
     fits.into_iter().filter(|(.., is_due)| *is_due && is_radiance).map(|(name, fit, _)| (name, fit)).collect()
 }
 
+/// Returns the captured images beside the radiance of views, seen by the views' cameras.
+fn captured_beside(views: &[View]) -> Vec<View> {
+    let seen_by = |view: &View, captured: &View| View { camera: view.camera.clone(), target: view.target, ..captured.clone() };
+    views.iter().flat_map(|view| view.recordings.iter().map(|captured| seen_by(view, captured))).collect()
+}
+
 /// Returns how many images the evaluation of a run renders: of test and training views, and of
-/// test views for each fit.
+/// test views for each fit and in their captured images.
 pub(super) fn count_frames(config: &RunConfig, dataset: &Dataset) -> u32 {
     let aligned = usize::from(config.train.refine_poses);
     let folded = if config.train.method.lifts_colors() { FOLDED.len() } else { 0 };
     let test = dataset.test.len() * (1 + aligned + folded + due_fits(config, &dataset.test).len());
-    u32::try_from(test + dataset.train.len()).unwrap_or(u32::MAX)
+    let learns_response = config.load.supervision == Supervision::Ldr;
+    let captured: usize = dataset.test.iter().filter(|_| learns_response).map(|view| view.recordings.len()).sum();
+    u32::try_from(test + captured + dataset.train.len()).unwrap_or(u32::MAX)
 }
 
 /// Reads the network of LPIPS from a file of weights; `None` without one.

@@ -7,7 +7,7 @@
 use std::fmt;
 
 use luxel_io::Supervision;
-use luxel_train::{Condition, OPTIONS};
+use luxel_train::{Condition, Method, NamedChoice, OPTIONS};
 
 use super::{ExplicitArgs, RunConfig};
 
@@ -95,8 +95,21 @@ const GEOMETRY_OPTIONS: &[&str] = &[
 const INITIAL_OPTIONS: &[&str] = &["init_points", "init_opacity", "init_scale"];
 
 /// Options of training that a radiance field has; all others are about splats.
-const FIELD_OPTIONS: &[&str] =
-    &["preset", "iterations", "seed", "method", "scale_rule", "radiance_scale", "background", "mu", "field_loss"];
+const FIELD_OPTIONS: &[&str] = &[
+    "preset",
+    "iterations",
+    "seed",
+    "method",
+    "scale_rule",
+    "radiance_scale",
+    "background",
+    "mu",
+    "field_loss",
+    "field_network",
+    "hdr_weight",
+    "ldr_weight",
+    "unit_exposure",
+];
 
 /// Options of a run that a radiance field does not have: it has no display layer, all its images
 /// are in memory, and it starts from nothing.
@@ -140,6 +153,12 @@ impl RunConfig {
             is_made: !self.train.method.is_field(),
             options: of_splats.chain(SPLAT_RUN_OPTIONS.iter().copied()).collect(),
         };
+        // Of the fields; splats learn a response from any captured images.
+        let unit_exposure = Group {
+            choice: Choice { option: "method", value: Method::HdrNerfGrid.name() },
+            is_made: !self.train.method.is_field() || self.train.method == Method::HdrNerfGrid,
+            options: vec!["unit_exposure"],
+        };
         let frozen = Group {
             choice: Choice { option: "freeze", value: "none" },
             is_made: !self.train.freezes_geometry(),
@@ -156,7 +175,7 @@ impl RunConfig {
             options: vec!["cutoffs"],
         };
         let by_condition = Condition::ALL.into_iter().map(|condition| self.group(condition));
-        std::iter::once(splats).chain(by_condition).chain([frozen, from, cutoffs]).collect()
+        [splats, unit_exposure].into_iter().chain(by_condition).chain([frozen, from, cutoffs]).collect()
     }
 
     fn group(&self, condition: Condition) -> Group {

@@ -91,8 +91,16 @@ pub struct LoadedRun {
     pub scene: Scene,
     /// The engine.
     pub selected: SelectedEngine,
-    /// Parameters of a field; `None` for splats.
-    pub field_parameters: Option<usize>,
+    /// The field; `None` for splats.
+    pub field: Option<LoadedField>,
+}
+
+/// Facts about a field that an engine holds.
+pub struct LoadedField {
+    /// Number of parameters.
+    pub parameters: usize,
+    /// The camera's response, if the field has learned one.
+    pub response: Option<Knots>,
 }
 
 /// Loads a run's newest state that can be read, of splats or of a field, for rendering. A field is
@@ -105,27 +113,30 @@ pub struct LoadedRun {
 pub fn load_newest(folder: &RunFolder, config: &RunConfig, mut selected: SelectedEngine, observer: &dyn Observer) -> Result<LoadedRun> {
     if config.train.method.is_field() {
         let (iteration, field) = crate::field::newest_field(folder, observer)?;
-        let (scene, field_parameters) = (field.place.clone(), Some(field.field.parameter_count()));
-        return Ok(LoadedRun { iteration, scene, selected: field.into_engine(selected)?, field_parameters });
+        let loaded = LoadedField { parameters: field.field.parameter_count(), response: field.field.response() };
+        return Ok(LoadedRun { iteration, scene: field.place.clone(), selected: field.into_engine(selected)?, field: Some(loaded) });
     }
     let (iteration, scene) = newest_scene(folder, observer)?;
     if config.train.method.lifts_colors() {
         let (path, snapshot) = snapshot_of(folder, iteration, "the lift to radiance")?;
         let lifted = luxel_train::lifted_engine(&snapshot, selected.engine).with_context(|| format!("{}: no lift", path.display()))?;
         let engine = lifted.with_context(|| format!("{}: its method lifts no colours", path.display()))?;
-        return Ok(LoadedRun { iteration, scene, selected: SelectedEngine { engine, ..selected }, field_parameters: None });
+        return Ok(LoadedRun { iteration, scene, selected: SelectedEngine { engine, ..selected }, field: None });
     }
     selected.engine.load(&scene.splats, None).context("cannot load the scene")?;
-    Ok(LoadedRun { iteration, scene, selected, field_parameters: None })
+    Ok(LoadedRun { iteration, scene, selected, field: None })
 }
 
-/// Returns the camera response that belongs to a run's scene of `iteration` steps, from the
-/// evaluation of that step, or from its checkpoint, which only an interrupted run has. `None` for a
-/// run on radiance.
+/// Returns the camera response that belongs to a run's scene of `iteration` steps: that of its
+/// field, or from the evaluation of that step, or from its checkpoint, which only an interrupted
+/// run has. `None` for a run on radiance.
 ///
 /// # Errors
-/// A run on captured LDR images that has neither.
-pub fn response(folder: &RunFolder, config: &RunConfig, iteration: u32) -> Result<Option<Knots>> {
+/// A run of splats on captured LDR images that has neither.
+pub fn response(folder: &RunFolder, config: &RunConfig, iteration: u32, field: Option<&LoadedField>) -> Result<Option<Knots>> {
+    if let Some(field) = field {
+        return Ok(field.response);
+    }
     if config.load.supervision != Supervision::Ldr {
         return Ok(None);
     }

@@ -30,6 +30,10 @@ impl RunConfig {
         let (method, found) = (self.method_name(), self.load.supervision);
         let (images, name) = match supervision_of(self.train.method) {
             Some(wanted) if wanted == found => return Ok(()),
+            None if self.train.method == Method::NerfGrid && found == Supervision::Ldr => {
+                let message = format!("supervision: method {method} learns from radiance, not from captured LDR images");
+                return Err(Error::new(message).with_remedy(Remedy::set("supervision", "hdr").or(Remedy::set("method", "hdr-nerf-grid"))));
+            }
             None if found != Supervision::Both => return Ok(()),
             None => {
                 let message = format!("supervision: found both, method {method} trains on one kind of images");
@@ -47,7 +51,7 @@ impl RunConfig {
 fn supervision_of(method: Method) -> Option<Supervision> {
     match method {
         _ if method.trains_on_pairs() => Some(Supervision::Both),
-        Method::GaussHdr => Some(Supervision::Ldr),
+        Method::GaussHdr | Method::HdrNerfGrid => Some(Supervision::Ldr),
         _ => None,
     }
 }

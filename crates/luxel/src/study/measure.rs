@@ -17,7 +17,7 @@ use crate::files;
 use crate::run::evaluation::{self, Rendering};
 use crate::run::state::{self, LoadedRun};
 use luxel_core::{Dataset, Engine, RenderOptions, View};
-use luxel_io::Supervision;
+use luxel_io::LoadOptions;
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips};
 use luxel_train::LensVignetting;
@@ -94,10 +94,7 @@ pub(super) fn measure(
     let cells = finished.iter().filter_map(|&i| matrix.cells.get(i));
     let mut todo: Vec<&Cell> = cells.filter(|cell| is_open(cell)).collect();
     // One data set after another, so that each is read once and one is held.
-    todo.sort_by_key(|cell| {
-        let method = cell.config.train.method;
-        (cell.source, method.trains_on_pairs(), method.has_own_steps())
-    });
+    todo.sort_by_cached_key(|cell| (cell.source, format!("{:?}", cell.config.load)));
     let mut dataset: Option<HeldDataset> = None;
     let mut failures = Vec::new();
     for cell in todo {
@@ -127,17 +124,17 @@ fn engine_of(on_cpu: bool, device: &DeviceOptions) -> Result<SelectedEngine> {
 struct HeldDataset {
     /// Index into [`Matrix::sources`].
     source: usize,
-    supervision: Supervision,
+    load: LoadOptions,
     dataset: Dataset,
 }
 
 /// Returns the data set of a cell, and reads it if it is not the one in memory.
 fn dataset_of<'d>(held: &'d mut Option<HeldDataset>, cell: &Cell, observer: &dyn Observer) -> Result<&'d Dataset> {
-    let supervision = cell.config.load.supervision;
-    if held.as_ref().is_none_or(|held| (held.source, held.supervision) != (cell.source, supervision)) {
+    let load = &cell.config.load;
+    if held.as_ref().is_none_or(|held| (held.source, &held.load) != (cell.source, load)) {
         *held = None;
-        let dataset = crate::Dataset::open_reporting(&cell.config.dataset, &cell.config.load, observer)?.into_core();
-        *held = Some(HeldDataset { source: cell.source, supervision, dataset });
+        let dataset = crate::Dataset::open_reporting(&cell.config.dataset, load, observer)?.into_core();
+        *held = Some(HeldDataset { source: cell.source, load: load.clone(), dataset });
     }
     held.as_ref().map(|held| &held.dataset).context("no data set")
 }
@@ -171,7 +168,7 @@ impl MeasureOptions {
 
     fn measure(&self, cell: &Cell, dataset: &Dataset, selected: SelectedEngine, observer: &dyn Observer) -> Result<Measured> {
         let iterations = cell.config.train.iterations;
-        let LoadedRun { iteration: found, scene, selected, .. } = state::load_newest(&cell.folder, &cell.config, selected, observer)?;
+        let LoadedRun { iteration: found, scene, selected, field } = state::load_newest(&cell.folder, &cell.config, selected, observer)?;
         if found != iterations {
             bail!(
                 "{}: its newest readable scene is of step {found}, expected {iterations}; delete the folder to train it anew",
@@ -197,15 +194,15 @@ impl MeasureOptions {
                 peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
                 flip: self.flip,
                 lpips: self.lpips.as_ref().map(|(lpips, _)| lpips),
-                response: state::response(&cell.folder, &cell.config, iterations)?,
+                response: state::response(&cell.folder, &cell.config, iterations, field.as_ref())?,
                 // Test views have none.
                 log_gains: BTreeMap::new(),
                 progress: None,
             };
-            let field = rendering.evaluate(&test, None, GainFit::None)?.and_then(|split| split.mean_field);
-            if let Some(field) = field {
-                hdr_flip = field.hdr_flip.or(hdr_flip);
-                if let (Some((lpips, weights)), Some(distance)) = (&self.lpips, field.lpips_alex.or(field.lpips_vgg)) {
+            let metrics = rendering.evaluate(&test, None, GainFit::None)?.and_then(|split| split.mean_field);
+            if let Some(metrics) = metrics {
+                hdr_flip = metrics.hdr_flip.or(hdr_flip);
+                if let (Some((lpips, weights)), Some(distance)) = (&self.lpips, metrics.lpips_alex.or(metrics.lpips_vgg)) {
                     measured_lpips = Some(MeasuredLpips { network: lpips.network().name().into(), distance, weights: weights.clone() });
                 }
             }

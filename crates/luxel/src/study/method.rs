@@ -1,7 +1,9 @@
 //! Methods by name: the rows of the tables.
 //!
-//! In: `nerf-grid`, a radiance field, with `-linear` for the loss of linear radiance; `hdr-gs` and
-//! `mono-hdr-gs`, which train on captured images beside radiance, `gausshdr` on those alone; `sh0`
+//! In: `nerf-grid`, `hdr-nerf-grid` and `mono-hdr-nerf-grid`, radiance fields, with `-linear`
+//! behind the first for the loss of linear radiance, and sizes in place of `grid` for a network
+//! without a grid, `nerf-8x256`; `hdr-gs` and `mono-hdr-gs`, which train on captured images beside
+//! radiance, `gausshdr` on those alone; `sh0`
 //! to `sh5`; `logsh3`; `lcd` with parts behind it in any order: `-exp` or `-relu` for the
 //! activation (softplus without), `-lN` for the degree to which luminance varies with the view (0
 //! without), `-cN` for the degree of chromaticity (3 without). Out: the method, which has one name
@@ -9,10 +11,10 @@
 //! the paper's whatever the defaults of training are.
 
 use luxel_core::{Activation, ColorModel};
-use luxel_train::{FieldLoss, Method, NamedChoice, TrainConfig};
+use luxel_train::{FieldLoss, FieldNetworkChoice, Method, NamedChoice, TrainConfig};
 
 /// Names of the training options that a method's name stands for.
-pub const METHOD_OPTIONS: [&str; 5] = ["method", "activation", "chroma_degree", "luminance_degree", "field_loss"];
+pub const METHOD_OPTIONS: [&str; 6] = ["method", "activation", "chroma_degree", "luminance_degree", "field_loss", "field_network"];
 
 /// Degree of chromaticity that the paper has.
 const CHROMA_DEGREE: u8 = 3;
@@ -24,12 +26,14 @@ pub enum StudyMethod {
     Splats(ColorModel),
     /// Splats that are trained by steps of their method's own, on captured images.
     OwnSteps(Method),
-    /// A radiance field on a hash grid.
+    /// A radiance field.
     Field {
         /// The method.
         method: Method,
         /// The loss, where the method has a choice.
         loss: Option<FieldLoss>,
+        /// Layers and units of a network without a hash grid.
+        network: Option<FieldNetworkChoice>,
     },
 }
 
@@ -39,10 +43,13 @@ impl StudyMethod {
         match self {
             Self::Splats(model) => model.name(),
             Self::OwnSteps(method) => method.name().to_owned(),
-            Self::Field { method, loss } => match loss {
-                None => method.name().to_owned(),
-                Some(loss) => format!("{}-{}", method.name(), loss.name()),
-            },
+            Self::Field { method, loss, network } => {
+                let name = match network {
+                    None => method.name().to_owned(),
+                    Some(network) => method.name().replace("-grid", &format!("-{network}")),
+                };
+                loss.map_or(name.clone(), |loss| format!("{name}-{}", loss.name()))
+            }
         }
     }
 
@@ -86,18 +93,26 @@ pub fn parse_method(text: &str) -> Result<StudyMethod, String> {
     };
     model.filter(|model| model.is_valid()).map(StudyMethod::Splats).ok_or_else(|| {
         format!(
-            "unknown method \"{text}\", expected table1, table2, nerf-grid, nerf-grid-linear, hdr-gs, mono-hdr-gs, gausshdr, sh0 to sh5, logsh3, or lcd with -exp or -relu, -l0 to -l3, -c0 to -c5 after it: lcd-exp, lcd-c2-l1"
+            "unknown method \"{text}\", expected table1, table2, nerf-grid, nerf-grid-linear, hdr-nerf-grid, mono-hdr-nerf-grid, nerf-8x256, hdr-gs, mono-hdr-gs, gausshdr, sh0 to sh5, logsh3, or lcd with -exp or -relu, -l0 to -l3, -c0 to -c5 after it: lcd-exp, lcd-c2-l1"
         )
     })
 }
 
 fn field(text: &str) -> Option<StudyMethod> {
+    let (name, loss) = match text.strip_suffix("-linear") {
+        Some(name) => (name, Some(FieldLoss::Linear)),
+        None => (text, None),
+    };
     let of_name = |name: &str| Method::from_name(name).filter(|method| method.is_field());
-    if let Some(method) = of_name(text) {
-        return Some(StudyMethod::Field { method, loss: None });
-    }
-    let method = of_name(text.strip_suffix("-linear")?)?;
-    (method == Method::NerfGrid).then_some(StudyMethod::Field { method, loss: Some(FieldLoss::Linear) })
+    let without_grid = || {
+        let (stem, sizes) = name.rsplit_once('-')?;
+        let network @ FieldNetworkChoice::Layers { .. } = sizes.parse().ok()? else { return None };
+        Some((of_name(&format!("{stem}-grid"))?, Some(network)))
+    };
+    let (method, network) = of_name(name).map(|method| (method, None)).or_else(without_grid)?;
+    let found = StudyMethod::Field { method, loss, network };
+    // A name has one form.
+    ((loss.is_none() || method == Method::NerfGrid) && found.name() == text).then_some(found)
 }
 
 fn lcd(text: &str) -> Option<ColorModel> {
@@ -132,15 +147,17 @@ pub(super) fn with_method(options: &TrainConfig, method: StudyMethod) -> TrainCo
         StudyMethod::Splats(model) => model,
         StudyMethod::OwnSteps(method) => {
             let (activation, chroma_degree, luminance_degree, field_loss) = (None, None, None, None);
-            return TrainConfig { method, activation, chroma_degree, luminance_degree, field_loss, ..options.clone() };
+            let options = TrainConfig { field_network: None, ..options.clone() };
+            return TrainConfig { method, activation, chroma_degree, luminance_degree, field_loss, ..options };
         }
-        StudyMethod::Field { method, loss } => {
+        StudyMethod::Field { method, loss, network } => {
             return TrainConfig {
                 method,
                 activation: None,
                 chroma_degree: None,
                 luminance_degree: None,
                 field_loss: loss,
+                field_network: network,
                 ..options.clone()
             };
         }
@@ -154,7 +171,7 @@ pub(super) fn with_method(options: &TrainConfig, method: StudyMethod) -> TrainCo
         // A mix is made of scenes, not trained.
         ColorModel::Mix(_) => return options.clone(),
     };
-    TrainConfig { method, activation, chroma_degree, luminance_degree, field_loss: None, ..options.clone() }
+    TrainConfig { method, activation, chroma_degree, luminance_degree, field_loss: None, field_network: None, ..options.clone() }
 }
 
 /// Returns a description in a few words.
@@ -164,8 +181,16 @@ pub(super) fn description(method: StudyMethod) -> String {
         StudyMethod::OwnSteps(Method::GaussHdr) => return "GaussHDR, plain splats".into(),
         StudyMethod::OwnSteps(Method::MonoHdrGs) => return "Mono-HDR-GS".into(),
         StudyMethod::OwnSteps(_) => return "HDR-GS".into(),
-        StudyMethod::Field { loss: Some(FieldLoss::Linear), .. } => return "NeRF, hash grid, loss of radiance".into(),
-        StudyMethod::Field { .. } => return "NeRF, hash grid".into(),
+        StudyMethod::Field { method, loss, network } => {
+            let name = match method {
+                Method::HdrNerfGrid => "HDR-NeRF",
+                Method::MonoHdrNerfGrid => "Mono-HDR-NeRF",
+                _ => "NeRF",
+            };
+            let network = network.map_or("hash grid".to_owned(), |network| format!("{network} network, no hash grid"));
+            let loss = if loss == Some(FieldLoss::Linear) { ", loss of radiance" } else { "" };
+            return format!("{name}, {network}{loss}");
+        }
     };
     let ColorModel::Lcd { chroma_degree, luminance_degree, activation } = model else {
         let degree = model.sh_degree();
@@ -237,12 +262,25 @@ mod tests {
 
     #[test]
     fn fields_are_methods_too() {
-        for (name, loss) in [("nerf-grid", None), ("nerf-grid-linear", Some(FieldLoss::Linear))] {
-            let method = parse_method(name).unwrap();
-            assert_eq!((method, method.name().as_str()), (StudyMethod::Field { method: Method::NerfGrid, loss }, name));
-            let config = with_method(&TrainConfig { luminance_degree: Some(1), ..TrainConfig::default() }, method);
-            assert_eq!((config.method, config.field_loss), (Method::NerfGrid, loss));
+        let (linear, network) = (Some(FieldLoss::Linear), Some(FieldNetworkChoice::Layers { layers: 8, units: 256 }));
+        for (name, method, loss, network, words) in [
+            ("nerf-grid", Method::NerfGrid, None, None, "NeRF, hash grid"),
+            ("nerf-grid-linear", Method::NerfGrid, linear, None, "NeRF, hash grid, loss of radiance"),
+            ("nerf-8x256", Method::NerfGrid, None, network, "NeRF, 8x256 network, no hash grid"),
+            ("nerf-8x256-linear", Method::NerfGrid, linear, network, "NeRF, 8x256 network, no hash grid, loss of radiance"),
+            ("hdr-nerf-grid", Method::HdrNerfGrid, None, None, "HDR-NeRF, hash grid"),
+            ("mono-hdr-nerf-grid", Method::MonoHdrNerfGrid, None, None, "Mono-HDR-NeRF, hash grid"),
+            ("mono-hdr-nerf-8x256", Method::MonoHdrNerfGrid, None, network, "Mono-HDR-NeRF, 8x256 network, no hash grid"),
+        ] {
+            let found = parse_method(name).unwrap();
+            assert_eq!((found, found.name().as_str()), (StudyMethod::Field { method, loss, network }, name));
+            assert_eq!(description(found), words);
+            let config = with_method(&TrainConfig { luminance_degree: Some(1), ..TrainConfig::default() }, found);
+            assert_eq!((config.method, config.field_loss, config.field_network), (method, loss, network));
             config.validate().unwrap();
+        }
+        for name in ["hdr-nerf-grid-linear", "nerf-gridx256", "nerf-grid-8x256", "hdr-gs-8x256", "nerf-08x256"] {
+            assert!(parse_method(name).is_err(), "{name}");
         }
         assert!(parse_method("lcd-linear").is_err() && parse_method("nerf-grid-mulaw").is_err());
     }

@@ -47,10 +47,10 @@ const METHODS: [PaperMethod; 10] = [
     PaperMethod { name: "3DGS", here: Some("sh3") },
     PaperMethod { name: "3DGS-D4", here: Some("sh4") },
     PaperMethod { name: "3DGS-D5", here: Some("sh5") },
-    PaperMethod { name: "HDR-NeRF", here: None },
+    PaperMethod { name: "HDR-NeRF", here: Some("hdr-nerf-grid") },
     PaperMethod { name: "HDR-GS", here: Some("hdr-gs") },
     PaperMethod { name: "Mono-HDR-GS", here: Some("mono-hdr-gs") },
-    PaperMethod { name: "Mono-HDR-NeRF", here: None },
+    PaperMethod { name: "Mono-HDR-NeRF", here: Some("mono-hdr-nerf-grid") },
     PaperMethod { name: "GaussHDR", here: Some("gausshdr") },
     PaperMethod { name: "LCD-GS", here: Some("lcd") },
 ];

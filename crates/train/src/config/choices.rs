@@ -118,6 +118,12 @@ choices! {
         GaussHdr: "gausshdr",
         /// No splats: a radiance field on a hash grid, of softplus radiance (NeRF)
         NerfGrid: "nerf-grid",
+        /// No splats: a field of log radiance and a tone mapper, trained on captured images of
+        /// several exposures alone (HDR-NeRF)
+        HdrNerfGrid: "hdr-nerf-grid",
+        /// No splats: a field of captured values of one exposure, which networks lift to radiance,
+        /// trained on captured images beside the radiance (Mono-HDR-NeRF)
+        MonoHdrNerfGrid: "mono-hdr-nerf-grid",
     }
 
     /// Scales of radiance under the mu-law.
@@ -223,12 +229,12 @@ impl NamedChoice for Antialias {
 impl Method {
     /// Returns whether steps see a captured image beside the radiance of its pose.
     pub fn trains_on_pairs(self) -> bool {
-        matches!(self, Self::HdrGs | Self::MonoHdrGs)
+        matches!(self, Self::HdrGs | Self::MonoHdrGs | Self::MonoHdrNerfGrid)
     }
 
     /// Returns whether its steps are its own, over the engine's rasteriser with gradients.
     pub fn has_own_steps(self) -> bool {
-        self.trains_on_pairs() || self == Self::GaussHdr
+        matches!(self, Self::HdrGs | Self::MonoHdrGs | Self::GaussHdr)
     }
 
     /// Returns whether splats hold captured values, whose colours the method lifts to radiance.
@@ -243,12 +249,12 @@ impl Method {
 
     /// Returns whether the captured images that it sees must all have one exposure.
     pub fn needs_one_exposure(self) -> bool {
-        self == Self::MonoHdrGs
+        matches!(self, Self::MonoHdrGs | Self::MonoHdrNerfGrid)
     }
 
     /// Returns whether the method trains a radiance field, which has no splats.
     pub fn is_field(self) -> bool {
-        self == Self::NerfGrid
+        matches!(self, Self::NerfGrid | Self::HdrNerfGrid | Self::MonoHdrNerfGrid)
     }
 }
 

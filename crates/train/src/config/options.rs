@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 use super::range::Range;
 use super::spec::{Access, Condition, OptionSpec, OptionValue, check_in, parse_in};
 use super::{
-    BatchRule, CutoffPreset, ExposureCompensation, FieldLoss, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED, Method, Preset, ScaleRule,
-    Strategy,
+    BatchRule, CutoffPreset, ExposureCompensation, FieldLoss, FieldNetworkChoice, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED, Method,
+    Preset, ScaleRule, Strategy,
 };
 use crate::{NoiseChoice, ResolutionSchedule};
 
@@ -131,6 +131,9 @@ options! {
         squared_share: f32 = 0.5, "FRACTION", Range::Share;
         /// Values of a pixel whose squared difference a radiance field minimises
         field_loss: Option<FieldLoss> = None, "FIELD_LOSS", Range::Any, unset: "mulaw", needs: [NerfGrid];
+        /// Network of a radiance field: grid, a hash grid with small networks, or a deep network
+        /// without a grid as LAYERSxUNITS; the published 8x256 takes days
+        field_network: Option<FieldNetworkChoice> = None, "NETWORK", Range::Any, unset: "grid", needs: [Field];
     }
     "Radiance and captured images" {
         /// Weight of the loss of radiance

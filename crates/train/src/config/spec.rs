@@ -119,6 +119,8 @@ impl OptionSpec {
 pub enum Condition {
     /// The colour model is LCD.
     Lcd,
+    /// A radiance field is trained.
+    Field,
     /// A radiance field is trained on radiance.
     NerfGrid,
     /// Splats are added by adaptive density control.
@@ -151,8 +153,9 @@ pub enum Condition {
 
 impl Condition {
     /// All conditions.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 16] = [
         Self::Lcd,
+        Self::Field,
         Self::NerfGrid,
         Self::Adc,
         Self::Mcmc,
@@ -172,7 +175,14 @@ impl Condition {
     /// Returns the name of the option that makes the choice.
     pub fn option(self) -> &'static str {
         match self {
-            Self::Lcd | Self::NerfGrid | Self::Pairs | Self::ToneNetworks | Self::HdrGs | Self::MonoHdrGs | Self::GaussHdr => "method",
+            Self::Lcd
+            | Self::Field
+            | Self::NerfGrid
+            | Self::Pairs
+            | Self::ToneNetworks
+            | Self::HdrGs
+            | Self::MonoHdrGs
+            | Self::GaussHdr => "method",
             Self::Adc | Self::Mcmc => "strategy",
             Self::Absgrad => "absgrad",
             Self::Batch => "batch",
@@ -186,11 +196,12 @@ impl Condition {
     pub fn value(self) -> &'static str {
         match self {
             Self::Lcd => "lcd",
-            Self::Pairs => "hdr-gs or mono-hdr-gs",
+            Self::Pairs => "hdr-gs, mono-hdr-gs or mono-hdr-nerf-grid",
             Self::ToneNetworks => "hdr-gs or gausshdr",
             Self::HdrGs => "hdr-gs",
             Self::MonoHdrGs => "mono-hdr-gs",
             Self::GaussHdr => "gausshdr",
+            Self::Field => "nerf-grid, hdr-nerf-grid or mono-hdr-nerf-grid",
             Self::NerfGrid => "nerf-grid",
             Self::Adc => "adc",
             Self::Mcmc => "mcmc",
@@ -210,6 +221,7 @@ impl Condition {
             Self::HdrGs => Some(config.method == Method::HdrGs),
             Self::MonoHdrGs => Some(config.method == Method::MonoHdrGs),
             Self::GaussHdr => Some(config.method == Method::GaussHdr),
+            Self::Field => Some(config.method.is_field()),
             Self::NerfGrid => Some(config.method == Method::NerfGrid),
             Self::Adc => Some(config.strategy == Strategy::Adc),
             Self::Mcmc => Some(config.strategy == Strategy::Mcmc),
@@ -353,4 +365,4 @@ macro_rules! text_options {
     };
 }
 
-text_options!(crate::ResolutionSchedule, crate::NoiseChoice);
+text_options!(crate::ResolutionSchedule, crate::NoiseChoice, super::FieldNetworkChoice);

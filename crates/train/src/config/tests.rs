@@ -61,6 +61,7 @@ fn every_option_changes_the_configuration() {
         &["--ssim-weight", "0.8"],
         &["--squared-share", "0"],
         &["--field-loss", "linear"],
+        &["--field-network", "8x256"],
         &["--average-share", "0"],
         &["--dropout", "0.1"],
         &["--clearance", "0.1"],
@@ -131,7 +132,7 @@ fn every_option_changes_the_configuration() {
         let config = parse(flag).unwrap();
         // Options of poses are refused without poses to optimise, those of fields without one.
         let has_choice = ["--refine-focal", "--pose-lr", "--pose-from", "--pose-until"].contains(&flag[0]);
-        let method = if flag[0] == "--field-loss" { Method::NerfGrid } else { config.method };
+        let method = if flag[0].starts_with("--field-") { Method::NerfGrid } else { config.method };
         TrainConfig { refine_poses: has_choice || config.refine_poses, method, ..config.clone() }.validate().unwrap();
         let changed = serde_json::to_value(&config).unwrap();
         let field = flag[0].trim_start_matches('-').replace('-', "_");

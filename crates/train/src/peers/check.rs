@@ -13,6 +13,13 @@ pub(crate) fn check_options(config: &TrainConfig) -> Result<(), TrainError> {
     if !config.method.has_own_steps() {
         return Ok(());
     }
+    if config.ldr_weight + config.hdr_weight == 0.0 {
+        return Err(TrainError::config("hdr_weight", "found 0 beside an ldr_weight of 0, expected one above 0"));
+    }
+    // What splats alone have is not applied to a field.
+    if config.method.is_field() {
+        return Ok(());
+    }
     let method = config.method.name();
     let refused = |option: &'static str, found: String, expected: &str| {
         Err(TrainError::config(option, format!("found {found}, expected {expected}: method {method} has no other")))

@@ -147,14 +147,14 @@ pub(super) fn save(args: &BenchArgs, path: &Path) -> Result<()> {
 /// Returns the splats in the colour model asked for.
 fn in_method(splats: Splats, method: Option<Method>, name: &str) -> Result<Splats> {
     let Some(method) = method else { return Ok(splats) };
+    if method.is_field() {
+        bail!("--method {}: the workload is splats, and a radiance field has none", method.name());
+    }
     if method.has_own_steps() {
         bail!(
             "--method {}: its steps train on captured images, which bench has none of; use --method logsh3, its colour model",
             method.name()
         );
-    }
-    if method.is_field() {
-        bail!("--method {}: the workload is splats, and a radiance field has none", method.name());
     }
     let model: ColorModel = TrainConfig { method, ..TrainConfig::default() }.color_model();
     if model == splats.color_model {
