@@ -15,6 +15,7 @@ pub mod densify;
 mod error;
 mod free_space;
 mod gains;
+mod holdout;
 mod init;
 mod lenses;
 mod neighbourhood;

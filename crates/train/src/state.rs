@@ -10,6 +10,7 @@ use crate::camera_response::CameraResponse;
 use crate::config::ExposureCompensation;
 use crate::crop::Crop;
 use crate::gains::Gains;
+use crate::holdout::Fit;
 use crate::peers::SharedNetworks;
 use crate::poses::{Corrections, Poses};
 use crate::recorded::is_recorded;
@@ -63,6 +64,9 @@ pub(crate) struct State {
     /// anywhere.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) clearances: Vec<f32>,
+    /// What the views kept aside have told so far; `None` if none are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) fit: Option<Fit>,
     /// Order of the training views in their current epochs, part after part
     /// ([`crate::view_order`]).
     order: Vec<u32>,
@@ -106,6 +110,7 @@ impl State {
             networks: SharedNetworks::new(&config, dataset),
             poses: config.refine_poses.then(|| Corrections::none(&poses_of(dataset, extent), config.refine_focal)),
             clearances,
+            fit: None,
             order,
             cursor,
             config,
@@ -114,14 +119,14 @@ impl State {
 
     /// Returns the indices of the next step's training views, one a slot of the batch. The order is
     /// shuffled, and each view comes once per epoch of its part.
-    pub(crate) fn next_views(&mut self) -> Vec<usize> {
-        self.cursor.next_views(&mut self.order, &mut self.rng)
+    pub(crate) fn next_views(&mut self, aside: &[usize]) -> Vec<usize> {
+        self.cursor.next_views(&mut self.order, &mut self.rng, aside)
     }
 
     /// Returns the view of `slot` that [`Self::next_views`] would return now. At the end of an
     /// epoch, random numbers drawn until then may still change it.
-    pub(crate) fn upcoming_view(&self, slot: usize) -> usize {
-        self.cursor.upcoming_view(&self.order, &self.rng, slot)
+    pub(crate) fn upcoming_view(&self, slot: usize, aside: &[usize]) -> usize {
+        self.cursor.upcoming_view(&self.order, &self.rng, slot, aside)
     }
 
     /// Returns the gain of training view `index`.

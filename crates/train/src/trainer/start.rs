@@ -10,6 +10,7 @@ use super::scene_start::{check_scene, start_of_scene, with_raster};
 use super::{Trainer, VecDeque};
 use crate::average::Average;
 use crate::camera_response::CameraResponse;
+use crate::holdout::views_aside;
 use crate::peers::check_pairs;
 use crate::pixel_weights::ToneScale;
 use crate::recorded::is_recorded;
@@ -123,6 +124,8 @@ impl Trainer {
         let views = TrainingViews::new(&dataset.train, stages, config.noise_model, tone);
         let lenses = state.vignetting.is_some().then(|| Lenses::new(dataset));
         let poses = state.poses.is_some().then(|| poses_of(dataset, state.extent));
+        let keeps_aside = config.keeps_views_aside() && state.response.is_none();
+        let aside = if keeps_aside { views_aside(&dataset.train, config.hold_out, state.extent) } else { Vec::new() };
         let mut trainer = Self {
             engine,
             views,
@@ -136,6 +139,7 @@ impl Trainer {
             visibility: Visibility::default(),
             poses,
             lenses,
+            aside,
             exchange: Box::new(Alone),
             step_views: Vec::new(),
             wants_to_stop: false,
