@@ -19,6 +19,7 @@ pub use range::Range;
 pub use spec::{Condition, OptionSpec, ValueHelp};
 pub use validate::Misplaced;
 
+use luxel_core::engine::MomentFormat;
 use luxel_core::{Antialias, ColorModel, Cutoffs, LossWeights, RasterConfig};
 
 /// Largest number of views a step.
@@ -148,6 +149,11 @@ impl TrainConfig {
             Strategy::Mcmc => MCMC_DEFAULT_MAX_SPLATS,
         };
         self.max_splats.or(self.pixels_per_splat.map(by_data)).unwrap_or(default) as usize
+    }
+
+    /// Returns whether moments are held in sixteen bits, which engines on a processor alone do.
+    pub fn packs_moments(&self) -> bool {
+        self.moments == MomentFormat::Bf16
     }
 
     /// Returns the number of splats to which [`Self::splat_limit`] may rise during training.

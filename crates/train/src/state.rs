@@ -16,7 +16,7 @@ use crate::poses::{Corrections, Poses};
 use crate::recorded::is_recorded;
 use crate::view_order::{Cursors, first_order};
 use crate::vignetting::{LensVignetting, Lenses, Vignettings};
-use crate::{Method, TrainConfig, TrainError};
+use crate::{TrainConfig, TrainError};
 
 /// Version of the format of [`State`]; a state of another version is refused with a clear message.
 const VERSION: u32 = 3;
@@ -223,12 +223,12 @@ impl State {
     }
 }
 
-/// Returns the method of the run that a snapshot was taken of.
+/// Returns the configuration of the run that a snapshot was taken of.
 ///
 /// # Errors
 /// Returns [`TrainError::State`] if the state cannot be read.
-pub fn snapshot_method(snapshot: &Snapshot) -> Result<Method, TrainError> {
-    Ok(State::parse(&snapshot.state_json)?.config.method)
+pub fn snapshot_config(snapshot: &Snapshot) -> Result<TrainConfig, TrainError> {
+    Ok(State::parse(&snapshot.state_json)?.config)
 }
 
 /// Returns the camera's response in a snapshot, or `None` if the run trains on radiance.

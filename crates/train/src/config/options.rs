@@ -6,6 +6,7 @@
 //! [`super::preset`], too. The doc comment is the help: one sentence on what the option does,
 //! without a full stop; names of options stand in backticks. Range and default are added to it.
 
+use luxel_core::engine::MomentFormat;
 use luxel_core::{Activation, Antialias, MAX_SAMPLES};
 use serde::{Deserialize, Serialize};
 
@@ -86,6 +87,8 @@ options! {
         batch: u32 = 1, "N", Range::Limits { min: 1, max: MAX_BATCH as u64 };
         /// Rule by which the optimiser's rates follow `batch`
         batch_rule: BatchRule = BatchRule::Sqrt, "BATCH_RULE", Range::Any, needs: [Batch];
+        /// Format of the optimiser's moments in memory
+        moments: MomentFormat = MomentFormat::F32, "FORMAT", Range::Any;
         /// Seed of all random numbers
         seed: u64 = 42, "N", Range::Limits { min: 0, max: MAX_SEED };
         /// Train on reduced images first: off, auto, or FACTOR@STEP pairs such as

@@ -168,16 +168,20 @@ mod tests {
             assert_eq!(trained, [false, true]);
             trainer.state.fit.unwrap().lead_db
         });
-        assert!(leads[0] < 2.0 && leads[1] > 4.0, "{leads:?}");
+        assert!(leads[0] < 0.2 && leads[1] > 0.5, "{leads:?}");
     }
 
     #[test]
     fn a_resumed_run_goes_on_with_what_the_views_aside_told() {
         let mut first = trainer(false);
-        (0..110).for_each(|_| drop(first.step().unwrap()));
+        for _ in 0..110 {
+            first.step().unwrap();
+        }
         let mut resumed = Trainer::resume(&wall(false), first.snapshot().unwrap(), Box::new(CpuEngine::new(1).unwrap())).unwrap();
         for trainer in [&mut first, &mut resumed] {
-            (0..50).for_each(|_| drop(trainer.step().unwrap()));
+            for _ in 0..50 {
+                trainer.step().unwrap();
+            }
         }
         assert!(first.state.fit.is_some() && first.state == resumed.state);
     }

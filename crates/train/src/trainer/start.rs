@@ -70,6 +70,7 @@ impl Trainer {
             }
         };
         let extent = scene_extent(&dataset.train, &splats.position);
+        engine.set_moment_format(config.moments)?;
         engine.load(&splats, None)?;
         tracing::info!(
             splats = splats.len(),
@@ -109,6 +110,7 @@ impl Trainer {
         if average.as_ref().is_some_and(|average| [average.len(), average.sh.len()] != [scene.splats.len(), scene.splats.sh.len()]) {
             return Err(TrainError::State("the average of the parameters is of other splats than the scene's".to_owned()));
         }
+        engine.set_moment_format(state.config.moments)?;
         engine.load(&scene.splats, Some(&moments))?;
         engine.set_densify_stats(&stats)?;
         let average = average.map(|mean| Average::new(mean, state.averaged));
