@@ -1,9 +1,10 @@
 //! Adam's moments in memory, beside the parameters: in single precision, or sixteen bits each.
 //!
-//! In sixteen bits, both moments of a parameter share one number of the parameters' layout: the upper
-//! half is the first moment's (sign, exponent, seven bits of the mantissa), the lower half the second's
-//! (exponent, eight bits). A step unpacks, moves and packs them ([`crate::lanes::V::pack_moments`]).
-//! Zero is zero in either form, so pass `densify` moves both alike.
+//! In sixteen bits, both moments of a parameter share one number of the parameters' layout: the
+//! upper half is the first moment's (sign, exponent, seven bits of the mantissa), the lower half
+//! the second's (exponent, eight bits). A step unpacks, moves and packs them
+//! ([`crate::lanes::V::pack_moments`]). Zero is zero in either form, so pass `densify` moves both
+//! alike.
 
 use luxel_core::Moments;
 use luxel_core::engine::{DensifyPlan, MomentFormat, ParameterRows};

@@ -1,10 +1,10 @@
 //! Training views that are kept aside while splats are added, to tell growth that helps from
 //! overfitting.
 //!
-//! In: the cameras of the training views, the fraction to keep aside. Out: the views kept aside, spread
-//! evenly over the order of the set, and for each the two trained views that look at the most similar
-//! part of the scene. Degenerate: of fewer than [`LEAST_VIEWS`] views none is kept aside, because few
-//! views cannot do without one.
+//! In: the cameras of the training views, the fraction to keep aside. Out: the views kept aside,
+//! spread evenly over the order of the set, and for each the two trained views that look at the
+//! most similar part of the scene. Degenerate: of fewer than [`LEAST_VIEWS`] views none is kept
+//! aside, because few views cannot do without one.
 
 use luxel_core::{Camera, View};
 use serde::{Deserialize, Serialize};
@@ -46,8 +46,8 @@ pub(crate) fn indices_aside(count: usize, fraction: f32) -> Vec<usize> {
     (0..kept).map(|i| (2 * i + 1) * count / (2 * kept)).collect()
 }
 
-/// Returns the views kept aside, with their neighbours; `extent` is the radius of the cameras' places,
-/// world units.
+/// Returns the views kept aside, with their neighbours; `extent` is the radius of the cameras'
+/// places, world units.
 pub(crate) fn views_aside(train: &[View], fraction: f32, extent: f32) -> Vec<Aside> {
     let indices = indices_aside(train.len(), fraction);
     let aside = |index: &usize| {
@@ -60,8 +60,8 @@ pub(crate) fn views_aside(train: &[View], fraction: f32, extent: f32) -> Vec<Asi
     indices.iter().filter_map(aside).collect()
 }
 
-/// Returns how differently two cameras look at a scene: the distance between their places in extents,
-/// plus the distance between their unit directions.
+/// Returns how differently two cameras look at a scene: the distance between their places in
+/// extents, plus the distance between their unit directions.
 fn difference(a: &Camera, b: &Camera, extent: f32) -> f64 {
     a.eye().distance(b.eye()) / f64::from(extent) + a.forward().distance(b.forward())
 }

@@ -64,7 +64,7 @@ pub(crate) struct State {
     /// anywhere.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) clearances: Vec<f32>,
-    /// What the views kept aside have told so far; `None` if none are.
+    /// The lead of trained views over those kept aside so far; `None` if none are.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) fit: Option<Fit>,
     /// Order of the training views in their current epochs, part after part

@@ -189,7 +189,8 @@ pub trait Engine: Send {
         Ok(self.save()?.0)
     }
 
-    /// Sets how the moments of the next scene to be loaded are held. [`MomentFormat::F32`] unless set.
+    /// Sets how the moments of the next scene to be loaded are held. [`MomentFormat::F32`] unless
+    /// set.
     ///
     /// # Errors
     /// [`EngineError::Device`] from an engine without that format.

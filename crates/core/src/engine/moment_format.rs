@@ -9,9 +9,9 @@ pub enum MomentFormat {
     /// Single precision: eight bytes a parameter for both moments.
     #[default]
     F32,
-    /// Sixteen bits each, so four bytes a parameter: the exponent of single precision, and seven bits of
-    /// the mantissa for the first moment, eight for the second, which has no sign. Each step rounds
-    /// them up or down at random, so that their means are right; the random numbers depend on the
-    /// step and the parameter alone.
+    /// Sixteen bits each, so four bytes a parameter: the exponent of single precision, and seven
+    /// bits of the mantissa for the first moment, eight for the second, which has no sign. Each
+    /// step rounds them up or down at random, so that their means are right; the random numbers
+    /// depend on the step and the parameter alone.
     Bf16,
 }

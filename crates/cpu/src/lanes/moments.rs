@@ -35,8 +35,8 @@ impl<S: Simd> V<S> {
         (Self(first.bitcast()), Self(second.bitcast()))
     }
 
-    /// Packs moments. The rounding depends on `seed`, the lane and nothing else; second moments are not
-    /// negative.
+    /// Packs moments. The rounding depends on `seed`, the lane and nothing else; second moments are
+    /// not negative.
     #[inline(always)]
     pub(crate) fn pack_moments(first: Self, second: Self, seed: u32) -> Self {
         let simd = first.0.token();

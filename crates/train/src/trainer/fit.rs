@@ -1,13 +1,13 @@
 //! The number of splats that there is room for, and the share that a step leaves out, which follow
 //! the scene.
 //!
-//! In: the scene while splats are added, the views kept aside ([`crate::holdout`]). Out: the largest
-//! number of splats of a round, and a factor of dropout. The number begins at the limit of the
-//! configuration. When the scene fills it, it rises while the views kept aside are nearly as good as
-//! their neighbours that are trained on: there is detail that more splats represent for every view.
-//! Where they lag behind, more splats only overfit. Where they lag far behind, single splats explain
-//! single views, and a larger share is left out once no more are added. Degenerate: a limit that the
-//! user gives stays as it is; without views aside, nothing changes.
+//! In: the scene while splats are added, the views kept aside ([`crate::holdout`]). Out: the
+//! largest number of splats of a round, and a factor of dropout. The number begins at the limit of
+//! the configuration. When the scene fills it, it rises while the views kept aside are nearly as
+//! good as their neighbours that are trained on: there is detail that more splats represent for
+//! every view. Where they lag behind, more splats only overfit. Where they lag far behind, single
+//! splats explain single views, and a larger share is left out once no more are added. Degenerate:
+//! a limit that the user gives stays as it is; without views aside, nothing changes.
 
 use luxel_core::Image;
 use luxel_metrics::psnr_scene;
@@ -35,8 +35,8 @@ const DROPOUT_LEAD_DB: f64 = 4.0;
 const MOST_DROPOUT: f64 = 2.0;
 
 impl Fit {
-    /// Returns the fit after a round that found `lead_db`, with a scene of `splats` and a limit of at
-    /// most `most`.
+    /// Returns the fit after a round that found `lead_db`, with a scene of `splats` and a limit of
+    /// at most `most`.
     fn after(self, lead_db: f64, splats: usize, most: usize) -> Self {
         let lead_db = self.lead_db + LATEST * (lead_db - self.lead_db);
         let rises = splats as f64 >= FULL * f64::from(self.room) && lead_db < MOST_LEAD_DB;
@@ -91,7 +91,8 @@ impl Trainer {
         Ok((!of_trained.is_empty()).then_some(mean - of_aside))
     }
 
-    /// Returns the PSNR of a view under the mu-law, dB; `None` if it has no valid pixel or no error.
+    /// Returns the PSNR of a view under the mu-law, dB; `None` if it has no valid pixel or no
+    /// error.
     fn psnr_of(&mut self, step: u32, index: usize) -> Result<Option<f64>, TrainError> {
         let (options, mu) = (self.render_options_of(step), self.state.config.mu);
         let Some(view) = self.views.at(step, index, [1.0; 3])? else { return Ok(None) };
