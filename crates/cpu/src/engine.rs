@@ -16,7 +16,9 @@ use std::sync::Arc;
 
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
-use luxel_core::engine::{DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, SparseGradients, StepConfig};
+use luxel_core::engine::{
+    DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, MomentFormat, SparseGradients, StepConfig,
+};
 use luxel_core::{Camera, Engine, EngineError, Image, Layers, Moments, PassTime, Remedy, RenderOptions, Splats, StepReport, View};
 
 use self::screens::SpareBuffers;
@@ -225,6 +227,11 @@ impl Engine for CpuEngine {
 
     fn splats(&mut self) -> Result<Splats, EngineError> {
         Ok(self.pool.install(|| self.state.splats()))
+    }
+
+    fn set_moment_format(&mut self, format: MomentFormat) -> Result<(), EngineError> {
+        self.state.set_moment_format(format);
+        Ok(())
     }
 
     fn differentiable(&self) -> Option<&dyn Differentiable> {

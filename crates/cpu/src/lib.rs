@@ -17,6 +17,7 @@
 mod engine;
 mod lanes;
 mod memory;
+mod moments;
 mod passes;
 mod prefetch;
 mod rays;

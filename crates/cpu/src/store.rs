@@ -71,6 +71,11 @@ impl Store {
 
     /// Copies the blocks back to splats, without the 3D filter.
     pub(crate) fn to_splats(&self) -> Splats {
+        self.to_splats_by(|value| value)
+    }
+
+    /// Copies the blocks back to splats, without the 3D filter, with each number mapped by `map`.
+    pub(crate) fn to_splats_by(&self, map: impl Fn(f32) -> f32) -> Splats {
         let mut splats = Moments::zeros(self.layout.color_model, self.count).first;
         let rows = self.layout.count();
         let k = 3 * self.layout.color_model.sh_coefficients();
@@ -78,7 +83,7 @@ impl Store {
         for i in 0..self.count {
             let block = &self.lanes[i / LANES * rows..][..rows];
             let lane = i % LANES;
-            let at = |row: usize| block[row].0[lane];
+            let at = |row: usize| map(block[row].0[lane]);
             splats.position[i] = std::array::from_fn(|c| at(ParameterRows::POSITION + c));
             splats.rotation[i] = std::array::from_fn(|c| at(ParameterRows::ROTATION + c));
             splats.log_scale[i] = std::array::from_fn(|c| at(ParameterRows::LOG_SCALE + c));

@@ -114,7 +114,7 @@ impl<'a> TrainingBuilder<'a> {
     /// Settings out of range, a data set without training views, a device that is not there.
     pub fn start(self) -> Result<Training> {
         let config = self.resolved();
-        let engine = open_engine(self.dataset, &self.device, config.method)?;
+        let engine = open_engine(self.dataset, &self.device, &config)?;
         let trainer = match self.from {
             None => Trainer::new(self.dataset, config, engine),
             Some(scene) => Trainer::from_scene(self.dataset, scene, config, engine),
@@ -131,8 +131,8 @@ impl<'a> TrainingBuilder<'a> {
     pub fn resume(self, checkpoint: impl AsRef<Path>) -> Result<Training> {
         let path = checkpoint.as_ref();
         let snapshot = luxel_io::read_checkpoint(path).context("cannot read the checkpoint")?;
-        let method = luxel_train::snapshot_method(&snapshot)?;
-        let engine = open_engine(self.dataset, &self.device, method)?;
+        let config = luxel_train::snapshot_config(&snapshot)?;
+        let engine = open_engine(self.dataset, &self.device, &config)?;
         let mut trainer = Trainer::resume(self.dataset, snapshot, engine).with_context(|| format!("{}: cannot resume", path.display()))?;
         if let Some(steps) = self.steps {
             let made = trainer.iteration();
@@ -156,9 +156,9 @@ impl<'a> TrainingBuilder<'a> {
     }
 }
 
-fn open_engine(dataset: &Dataset, device: &DeviceOptions, method: Method) -> Result<Box<dyn luxel_core::Engine>> {
+fn open_engine(dataset: &Dataset, device: &DeviceOptions, config: &TrainConfig) -> Result<Box<dyn luxel_core::Engine>> {
     let learns_response = dataset.train.iter().any(|view| view.values != luxel_core::PixelValues::Radiance);
-    Ok(SelectedEngine::for_training(device, learns_response || method.has_own_steps())?.engine)
+    Ok(SelectedEngine::for_training(device, learns_response || config.method.has_own_steps() || config.packs_moments())?.engine)
 }
 
 /// A training in progress: an iterator of steps, which may move to another thread.

@@ -21,6 +21,7 @@ pub use range::Range;
 pub use spec::{Condition, OptionSpec, ValueHelp};
 pub use validate::Misplaced;
 
+use luxel_core::engine::MomentFormat;
 use luxel_core::{Antialias, ColorModel, Cutoffs, LossWeights, RasterConfig};
 
 /// Largest number of views a step.
@@ -32,6 +33,9 @@ pub const MAX_SEED: u64 = i64::MAX as u64;
 /// The smallest bound on the number of splats that follows from [`TrainConfig::pixels_per_splat`].
 /// Fewer splats would save little, however small the images.
 const MIN_BOUND_BY_DATA: u32 = 40_000;
+
+/// Factor by which the bound that follows from the images may rise.
+const MOST_RISE: usize = 4;
 
 /// Largest number of splats of the MCMC strategy, if none is given.
 pub const MCMC_DEFAULT_MAX_SPLATS: u32 = 100_000;
@@ -148,6 +152,26 @@ impl TrainConfig {
             Strategy::Mcmc => MCMC_DEFAULT_MAX_SPLATS,
         };
         self.max_splats.or(self.pixels_per_splat.map(by_data)).unwrap_or(default) as usize
+    }
+
+    /// Returns whether moments are held in sixteen bits, which engines on a processor alone do.
+    pub fn packs_moments(&self) -> bool {
+        self.moments == MomentFormat::Bf16
+    }
+
+    /// Returns the number of splats to which [`Self::splat_limit`] may rise during training.
+    pub fn most_splats(&self, train_px: u64) -> usize {
+        let limit = self.splat_limit(train_px);
+        let rises = self.keeps_views_aside() && self.max_splats.is_none() && self.pixels_per_splat.is_some();
+        if rises { limit.saturating_mul(MOST_RISE) } else { limit }
+    }
+
+    /// Returns whether views are kept aside, if there are enough of them.
+    pub(crate) fn keeps_views_aside(&self) -> bool {
+        // Gains and poses of views that are not trained on would not be known.
+        let are_views_alike = !self.refine_poses && !self.vignetting && self.exposure_compensation == ExposureCompensation::Off;
+        let are_views_whole = self.batch == 1 && self.crop.is_none() && !self.method.has_own_steps();
+        self.hold_out > 0.0 && self.strategy == Strategy::Adc && !self.freezes_geometry() && are_views_alike && are_views_whole
     }
 }
 

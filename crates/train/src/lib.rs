@@ -15,6 +15,7 @@ pub mod densify;
 mod error;
 mod free_space;
 mod gains;
+mod holdout;
 mod init;
 mod lenses;
 mod neighbourhood;
@@ -53,7 +54,7 @@ pub use reduce::RankViews;
 pub use resolution::{ResolutionSchedule, Stage};
 pub use schedule::{ABSGRAD_OPACITY_CAP, RESET_OPACITY, Schedule};
 pub use smoothing::smoothing;
-pub use state::{snapshot_method, snapshot_response, snapshot_vignetting};
+pub use state::{snapshot_config, snapshot_response, snapshot_vignetting};
 pub use trainer::{Trainer, lifted_engine, snapshot_scene};
 pub use vignetting::LensVignetting;
 

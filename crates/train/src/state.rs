@@ -10,12 +10,13 @@ use crate::camera_response::CameraResponse;
 use crate::config::ExposureCompensation;
 use crate::crop::Crop;
 use crate::gains::Gains;
+use crate::holdout::Fit;
 use crate::peers::SharedNetworks;
 use crate::poses::{Corrections, Poses};
 use crate::recorded::is_recorded;
 use crate::view_order::{Cursors, first_order};
 use crate::vignetting::{LensVignetting, Lenses, Vignettings};
-use crate::{Method, TrainConfig, TrainError};
+use crate::{TrainConfig, TrainError};
 
 /// Version of the format of [`State`]; a state of another version is refused with a clear message.
 const VERSION: u32 = 3;
@@ -63,6 +64,9 @@ pub(crate) struct State {
     /// anywhere.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) clearances: Vec<f32>,
+    /// The lead of trained views over those kept aside so far; `None` if none are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) fit: Option<Fit>,
     /// Order of the training views in their current epochs, part after part
     /// ([`crate::view_order`]).
     order: Vec<u32>,
@@ -108,6 +112,7 @@ impl State {
             networks: SharedNetworks::new(&config, dataset, splats),
             poses: config.refine_poses.then(|| Corrections::none(&poses_of(dataset, extent), config.refine_focal)),
             clearances,
+            fit: None,
             order,
             cursor,
             config,
@@ -116,14 +121,14 @@ impl State {
 
     /// Returns the indices of the next step's training views, one a slot of the batch. The order is
     /// shuffled, and each view comes once per epoch of its part.
-    pub(crate) fn next_views(&mut self) -> Vec<usize> {
-        self.cursor.next_views(&mut self.order, &mut self.rng)
+    pub(crate) fn next_views(&mut self, aside: &[usize]) -> Vec<usize> {
+        self.cursor.next_views(&mut self.order, &mut self.rng, aside)
     }
 
     /// Returns the view of `slot` that [`Self::next_views`] would return now. At the end of an
     /// epoch, random numbers drawn until then may still change it.
-    pub(crate) fn upcoming_view(&self, slot: usize) -> usize {
-        self.cursor.upcoming_view(&self.order, &self.rng, slot)
+    pub(crate) fn upcoming_view(&self, slot: usize, aside: &[usize]) -> usize {
+        self.cursor.upcoming_view(&self.order, &self.rng, slot, aside)
     }
 
     /// Returns the gain of training view `index`.
@@ -220,12 +225,12 @@ impl State {
     }
 }
 
-/// Returns the method of the run that a snapshot was taken of.
+/// Returns the configuration of the run that a snapshot was taken of.
 ///
 /// # Errors
 /// Returns [`TrainError::State`] if the state cannot be read.
-pub fn snapshot_method(snapshot: &Snapshot) -> Result<Method, TrainError> {
-    Ok(State::parse(&snapshot.state_json)?.config.method)
+pub fn snapshot_config(snapshot: &Snapshot) -> Result<TrainConfig, TrainError> {
+    Ok(State::parse(&snapshot.state_json)?.config)
 }
 
 /// Returns the camera's response in a snapshot, or `None` if the run trains on radiance.

@@ -14,6 +14,7 @@ mod average;
 mod batch;
 mod captured;
 mod densify;
+mod fit;
 mod health;
 mod pairs;
 mod poses;
@@ -34,6 +35,7 @@ use self::batch::{SlotView, rates_of_batch, scaled};
 use crate::average::Average;
 use crate::config::Strategy;
 use crate::gains::Gains;
+use crate::holdout::Aside;
 use crate::peers::{SharedLift, folded};
 use crate::poses::Poses;
 use crate::state::State;
@@ -62,6 +64,8 @@ pub struct Trainer {
     /// The lift that makes radiance of the splats' colours, if the method lifts them; its engine
     /// has it, too.
     lift: Option<SharedLift>,
+    /// The views kept aside while splats are added.
+    aside: Vec<Aside>,
     /// The connection to the other ranks of a distributed run.
     exchange: Box<dyn Exchange>,
     /// The views of the current step, one a slot of the batch.
@@ -171,7 +175,7 @@ impl Trainer {
     /// splat is left, or the error of the engine.
     pub fn step(&mut self) -> Result<StepReport, TrainError> {
         let step = self.state.iteration.saturating_add(1);
-        self.step_views = self.state.next_views();
+        self.step_views = self.state.next_views(&self.aside_in(step));
         let config = self.step_config(step);
         let views: Vec<SlotView> = self.step_views.iter().enumerate().map(|(slot, index)| SlotView { step, slot, index: *index }).collect();
         let reports = self.train_on(&views, &config)?;
@@ -238,7 +242,7 @@ impl Trainer {
             learning_rates,
             betas,
             position_noise: has_noise.then_some(noise),
-            dropout: self.schedule.dropout_rate(config, step).map(|rate| Dropout { rate, seed: self.state.dropout_seed(step) }),
+            dropout: self.dropout_rate(step).map(|rate| Dropout { rate, seed: self.state.dropout_seed(step) }),
             stats: self.stats_of(step),
             camera_gradient: self.camera_gradient_of(step),
         }

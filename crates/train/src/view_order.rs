@@ -35,34 +35,38 @@ impl Cursors {
         self.0.len()
     }
 
-    /// Returns the views of the next step, one a slot, and moves on.
-    pub(crate) fn next_views(&mut self, order: &mut [u32], rng: &mut Pcg64Mcg) -> Vec<usize> {
+    /// Returns the views of the next step, one a slot, and moves on past those of `aside`, which no
+    /// part may consist of.
+    pub(crate) fn next_views(&mut self, order: &mut [u32], rng: &mut Pcg64Mcg, aside: &[usize]) -> Vec<usize> {
         let (count, batch) = (order.len(), self.batch());
         let next = |(slot, cursor): (usize, &mut usize)| {
             let part = &mut order[part(count, batch, slot)];
-            if *cursor >= part.len() {
-                part.shuffle(rng);
-                *cursor = 0;
+            loop {
+                if *cursor >= part.len() {
+                    part.shuffle(rng);
+                    *cursor = 0;
+                }
+                let view = part.get(*cursor).copied().unwrap_or(0) as usize;
+                *cursor += 1;
+                if !aside.contains(&view) {
+                    return view;
+                }
             }
-            let view = part.get(*cursor).copied().unwrap_or(0);
-            *cursor += 1;
-            view as usize
         };
         self.0.iter_mut().enumerate().map(next).collect()
     }
 
     /// Returns the view of `slot` that [`Self::next_views`] would return now. At the end of an
     /// epoch, random numbers drawn until then may still change it.
-    pub(crate) fn upcoming_view(&self, order: &[u32], rng: &Pcg64Mcg, slot: usize) -> usize {
+    pub(crate) fn upcoming_view(&self, order: &[u32], rng: &Pcg64Mcg, slot: usize, aside: &[usize]) -> usize {
         let part = &order[part(order.len(), self.batch(), slot)];
-        let view = match self.0.get(slot).and_then(|cursor| part.get(*cursor)) {
-            Some(view) => Some(*view),
-            None => {
-                let (mut part, mut rng) = (part.to_vec(), rng.clone());
-                part.shuffle(&mut rng);
-                part.first().copied()
-            }
-        };
+        let left = self.0.get(slot).and_then(|cursor| part.get(*cursor..)).unwrap_or_default();
+        let first = |views: &[u32]| views.iter().find(|view| !aside.contains(&(**view as usize))).copied();
+        let view = first(left).or_else(|| {
+            let (mut part, mut rng) = (part.to_vec(), rng.clone());
+            part.shuffle(&mut rng);
+            first(&part)
+        });
         view.unwrap_or(0) as usize
     }
 
@@ -93,14 +97,31 @@ mod tests {
             let mut seen = vec![0; count];
             for _ in 0..12 * longest {
                 assert!(cursors.fit(&order, count, batch), "{count} {batch}");
-                let upcoming: Vec<usize> = (0..batch).map(|slot| cursors.upcoming_view(&order, &rng, slot)).collect();
-                let (before, views) = (rng.clone(), cursors.next_views(&mut order, &mut rng));
+                let upcoming: Vec<usize> = (0..batch).map(|slot| cursors.upcoming_view(&order, &rng, slot, &[])).collect();
+                let (before, views) = (rng.clone(), cursors.next_views(&mut order, &mut rng, &[]));
                 assert!(views.iter().enumerate().all(|(slot, view)| view % batch == slot), "{views:?}");
                 assert!(before != rng || upcoming == views, "{upcoming:?} {views:?}");
                 views.into_iter().for_each(|view| seen[view] += 1);
             }
             assert!(seen.iter().all(|times| (12..=12 * longest / (longest - 1).max(1)).contains(times)), "{count} {batch}: {seen:?}");
         }
+    }
+
+    #[test]
+    fn views_aside_come_only_without_any_aside() {
+        let (mut order, mut cursors) = first_order(13, 1);
+        let mut rng = Pcg64Mcg::seed_from_u64(2);
+        let aside = [3, 9];
+        let mut seen = [0; 13];
+        for _ in 0..66 {
+            let upcoming = cursors.upcoming_view(&order, &rng, 0, &aside);
+            let views = cursors.next_views(&mut order, &mut rng, &aside);
+            assert_eq!(views, [upcoming]);
+            seen[upcoming] += 1;
+        }
+        assert!(seen.iter().enumerate().all(|(view, times)| *times == if aside.contains(&view) { 0 } else { 6 }), "{seen:?}");
+        let all: std::collections::BTreeSet<usize> = (0..26).flat_map(|_| cursors.next_views(&mut order, &mut rng, &[])).collect();
+        assert_eq!(all.len(), 13);
     }
 
     #[test]

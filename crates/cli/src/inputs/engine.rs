@@ -33,10 +33,13 @@ pub(crate) fn training_engine(config: &RunConfig) -> Result<SelectedEngine> {
         return worded(&config.device, luxel::field::open_processor(&config.device));
     }
     let has_own_steps = config.train.method.has_own_steps();
-    let needs_cpu = config.load.supervision == Supervision::Ldr || has_own_steps;
+    let is_packed = config.train.packs_moments();
+    let needs_cpu = config.load.supervision == Supervision::Ldr || has_own_steps || is_packed;
     let mut selected = worded(&config.device, SelectedEngine::for_training(&config.device, needs_cpu))?;
     if has_own_steps && config.device.device == Device::Auto {
         selected.machine += &format!(", the CPU: method {} has no steps on a GPU", config.method_name());
+    } else if is_packed && config.device.device == Device::Auto {
+        selected.machine += ", the CPU: moments of sixteen bits are not on a GPU";
     }
     Ok(selected)
 }

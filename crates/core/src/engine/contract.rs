@@ -4,8 +4,8 @@
 //! radiance are in normalised units.
 
 use super::{
-    DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, Layers, PassTime, RenderOptions, SparseGradients,
-    StepConfig, StepReport,
+    DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, Layers, MomentFormat, PassTime, RenderOptions,
+    SparseGradients, StepConfig, StepReport,
 };
 use crate::edit::Contributions;
 use crate::{Camera, Image, Moments, Remedy, Splats, View};
@@ -187,6 +187,19 @@ pub trait Engine: Send {
     /// [`EngineError::Device`].
     fn splats(&mut self) -> Result<Splats, EngineError> {
         Ok(self.save()?.0)
+    }
+
+    /// Sets how the moments of the next scene to be loaded are held. [`MomentFormat::F32`] unless
+    /// set.
+    ///
+    /// # Errors
+    /// [`EngineError::Device`] from an engine without that format.
+    fn set_moment_format(&mut self, format: MomentFormat) -> Result<(), EngineError> {
+        match format {
+            MomentFormat::F32 => Ok(()),
+            MomentFormat::Bf16 => Err(EngineError::device("this engine holds moments in single precision alone")
+                .with_remedy(Remedy::set("device", "cpu").or(Remedy::set("moments", "f32")))),
+        }
     }
 
     /// Returns the engine's rasteriser with gradients, for steps whose loss the caller owns; `None`

@@ -10,6 +10,7 @@ mod deep;
 mod densify;
 mod differentiable;
 mod dropout;
+mod moment_format;
 mod parameter_rows;
 mod pass;
 mod pixel_angle;
@@ -27,6 +28,7 @@ pub use differentiable::{
     SplatGradient, check_len,
 };
 pub use dropout::Dropout;
+pub use moment_format::MomentFormat;
 pub use parameter_rows::ParameterRows;
 pub use pass::{Pass, PassTime};
 pub use pixel_angle::{PIXEL_ANGLE_TERMS, PixelAngle};

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use fearless_simd::Level;
 use luxel_core::engine::{
-    CameraGradient, CameraGradientChoice, DensifyPlan, DensifyStats, Geometry, ParameterRows, StatsCollection, StepConfig,
+    CameraGradient, CameraGradientChoice, DensifyPlan, DensifyStats, Geometry, MomentFormat, ParameterRows, StatsCollection, StepConfig,
 };
 use luxel_core::{EngineError, Moments, Pass, PassTime, Splats, StepReport, View};
 use rayon::prelude::*;
@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use super::clock::{Clock, Timings};
 use crate::lanes::{LANES, Lanes};
 use crate::memory::Buffer;
+use crate::moments::MomentStore;
 use crate::passes::adam::Optimizer;
 use crate::passes::bin::{Bins, ScreenSplats};
 use crate::passes::camera_backward::camera_backward;
@@ -37,8 +38,8 @@ use crate::view::ScreenCamera;
 pub(super) struct State {
     pub(super) level: Level,
     pub(super) parameters: Store,
-    first: Store,
-    second: Store,
+    moments: MomentStore,
+    moment_format: MomentFormat,
     /// Memory into which the next densification builds a store. It is released in steps that
     /// collect no statistics.
     spare: Buffer,
@@ -119,8 +120,8 @@ impl State {
         Self {
             level: Level::new(),
             parameters: empty(),
-            first: empty(),
-            second: empty(),
+            moments: MomentStore::zeros(MomentFormat::F32, layout, 0),
+            moment_format: MomentFormat::F32,
             spare: Buffer::zeros(0),
             smoothing: Vec::new(),
             stats: DensifyStats::default(),
@@ -140,13 +141,17 @@ impl State {
         // A deferred update of the old scene is dropped.
         self.pending = None;
         self.parameters = Store::from_splats(splats);
-        let zeros = || Store::zeros(self.parameters.layout, splats.len());
-        (self.first, self.second) = match moments {
-            None => (zeros(), zeros()),
-            Some(moments) => (Store::from_splats(&moments.first), Store::from_splats(&moments.second)),
+        self.moments = match moments {
+            None => MomentStore::zeros(self.moment_format, self.parameters.layout, splats.len()),
+            Some(moments) => MomentStore::from_moments(self.moment_format, moments),
         };
         self.smoothing = smoothing_lanes(&splats.smoothing);
         self.stats = DensifyStats::zeros(splats.len());
+    }
+
+    /// Sets how the moments of the next scene are held.
+    pub(super) fn set_moment_format(&mut self, format: MomentFormat) {
+        self.moment_format = format;
     }
 
     /// Copies the scene.
@@ -161,7 +166,7 @@ impl State {
 
     /// Copies the scene and its moments.
     pub(super) fn save(&mut self) -> (Splats, Moments) {
-        (self.splats(), Moments { first: self.first.to_splats(), second: self.second.to_splats() })
+        (self.splats(), self.moments.to_moments())
     }
 
     /// Copies what densification policy looks at.
@@ -199,13 +204,13 @@ impl State {
 
     /// Applies a step's gradients, and projects the splats for the next view, if it is known.
     fn update(&mut self, Update { camera, step }: &Update, next: Option<&ScreenCamera>) {
-        let Self { level, parameters, first, second, smoothing, stats, frame, timings, .. } = self;
+        let Self { level, parameters, moments, smoothing, stats, frame, timings, .. } = self;
         let Frame { bins, entries, scratch, footprints, .. } = frame;
         let mut clock = Clock::new(timings);
         resize_for(parameters, footprints);
         let next = next.map(|camera| NextView { camera, footprints });
         let inputs = Inputs::new(parameters, smoothing, bins, entries, &step.loss);
-        let optimizer = Optimizer { parameters, first, second };
+        let optimizer = Optimizer { parameters, moments };
         let [backward, adam, project] = backward_and_adam(*level, camera, &inputs, optimizer, step, UpdateBuffers { stats, scratch, next });
         clock.lap_shared(&[
             PassTime { pass: Pass::ProjectBackward, time: backward },
@@ -318,11 +323,9 @@ impl State {
     pub(super) fn densify(&mut self, plan: &DensifyPlan) -> Result<(), EngineError> {
         plan.check(self.parameters.count)?;
         self.finish();
-        let Self { parameters, first, second, spare, smoothing, stats, timings, .. } = self;
+        let Self { parameters, moments, spare, smoothing, stats, timings, .. } = self;
         let mut clock = Clock::new(timings);
-        for moments in [first, second] {
-            densify::apply_to_moments(moments, parameters, plan, spare);
-        }
+        moments.densify(parameters, plan, spare);
         densify::apply(parameters, plan, spare);
         if let Some(values) = &plan.smoothing {
             *smoothing = smoothing_lanes(values);

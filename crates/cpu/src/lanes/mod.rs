@@ -5,6 +5,7 @@
 //! Vectors are always sixteen lanes, so reductions have one order on every machine.
 
 mod functions;
+mod moments;
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 

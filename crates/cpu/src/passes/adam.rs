@@ -11,19 +11,13 @@ use luxel_core::{Real, each, random};
 
 use super::project::rotation_matrix;
 use crate::lanes::{LANES, Lanes, V};
+use crate::moments::{MomentRows, MomentStore};
 use crate::store::{Store, StoreShape};
 
 /// Adam's state: running means of the gradient and of its square, in the parameters' layout.
 pub(crate) struct Optimizer<'a> {
     pub(crate) parameters: &'a mut Store,
-    pub(crate) first: &'a mut Store,
-    pub(crate) second: &'a mut Store,
-}
-
-/// Rows of the moments of a block, `[rows, 16]` each.
-pub(crate) struct MomentRows<'a> {
-    pub(crate) first: &'a mut [Lanes],
-    pub(crate) second: &'a mut [Lanes],
+    pub(crate) moments: &'a mut MomentStore,
 }
 
 /// A parameter row of a block and its moments.
@@ -42,6 +36,8 @@ pub(crate) struct Step {
     betas: AdamBetas,
     noise: Option<PositionNoise>,
     count: usize,
+    /// Number of the step, from which the rounding of moments in sixteen bits follows.
+    number: u32,
 }
 
 /// Returns the learning rate of each row.
@@ -71,6 +67,7 @@ impl Step {
             betas: config.betas,
             noise: config.position_noise,
             count,
+            number: config.step,
         }
     }
 }
@@ -85,7 +82,10 @@ pub(crate) fn update<S: Simd>(
     moments: MomentRows<'_>,
     gradient: Option<&[Lanes]>,
 ) {
-    move_parameters(simd, step, parameters, moments, gradient);
+    match moments {
+        MomentRows::Full { first, second } => move_parameters(simd, step, parameters, [first, second], gradient),
+        MomentRows::Packed(both) => move_packed(simd, step, block, parameters, both, gradient),
+    }
     if let Some(noise) = step.noise {
         add_noise(simd, step, noise, block, parameters);
     }
@@ -97,7 +97,7 @@ fn move_parameters<S: Simd>(
     simd: S,
     step: &Step,
     parameters: &mut [Lanes],
-    MomentRows { first, second }: MomentRows<'_>,
+    [first, second]: [&mut [Lanes]; 2],
     gradient: Option<&[Lanes]>,
 ) {
     // sqrt(v correction2) = sqrt(v) sqrt(correction2).
@@ -152,6 +152,31 @@ fn move_row<S: Simd>(
     m.store(first);
     v.store(second);
     after.store(parameter);
+}
+
+/// Moves the parameters of a block whose moments are packed.
+#[inline(always)]
+fn move_packed<S: Simd>(simd: S, step: &Step, block: usize, parameters: &mut [Lanes], both: &mut [Lanes], gradient: Option<&[Lanes]>) {
+    let root2 = V::splat(simd, step.correction2.sqrt());
+    let seed = random::bits(u64::from(step.number), block as u64);
+    for (row, ((parameter, both), rate)) in parameters.iter_mut().zip(both).zip(&step.rates).enumerate() {
+        if *rate == 0.0 {
+            continue;
+        }
+        let (mut first, mut second) = (Lanes::ZERO, Lanes::ZERO);
+        let (m, v) = V::load(simd, both).unpack_moments();
+        m.store(&mut first);
+        v.store(&mut second);
+        let factors = RowFactors { rate: *rate, root2, betas: step.betas };
+        let adam = AdamRow { parameter, first: &mut first, second: &mut second };
+        match gradient {
+            Some(gradient) => move_row(simd, factors, adam, gradient.get(row)),
+            None => move_row(simd, factors, adam, None),
+        }
+        // Weyl's sequence: another number for each row.
+        let seed = (seed as u32).wrapping_add((row as u32).wrapping_mul(0x9e37_79b9));
+        V::pack_moments(V::load(simd, &first), V::load(simd, &second), seed).store(both);
+    }
 }
 
 /// Adds Sigma n sigmoid(100 (0.005 - opacity)) scale to the positions, with Sigma the covariance

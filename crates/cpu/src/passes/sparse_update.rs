@@ -11,7 +11,7 @@ use fearless_simd::Level;
 use luxel_core::engine::{DensifyStats, SPLATS_PER_BLOCK, STATISTICS_ROWS, SparseGradients, StatsCollection, StepConfig};
 use rayon::prelude::*;
 
-use super::adam::{MomentRows, Optimizer, Step, update};
+use super::adam::{Optimizer, Step, update};
 use super::project_backward::{BlockStats, BlockSums, Inputs, project_backward};
 use super::update::{CHUNK, stats_chunks};
 use crate::lanes::{LANES, Lanes, with_simd};
@@ -90,17 +90,11 @@ pub(crate) fn sparse_adam(
     let step = Step::new(optimizer.parameters.shape(), config);
     let rows = optimizer.parameters.layout.count();
     let collect = config.stats != StatsCollection::Off;
-    let chunks = (
-        optimizer.parameters.lanes.par_chunks_mut(CHUNK * rows),
-        optimizer.first.lanes.par_chunks_mut(CHUNK * rows),
-        optimizer.second.lanes.par_chunks_mut(CHUNK * rows),
-        stats_chunks(stats),
-    );
-    chunks.into_par_iter().enumerate().for_each(|(chunk, (parameters, first, second, mut stats))| {
+    let chunks = (optimizer.parameters.lanes.par_chunks_mut(CHUNK * rows), optimizer.moments.chunks(CHUNK), stats_chunks(stats));
+    chunks.into_par_iter().enumerate().for_each(|(chunk, (parameters, mut moments, mut stats))| {
         let mut gradient = vec![Lanes::ZERO; rows];
         with_simd!(level, simd => {
-            let blocks = parameters.chunks_mut(rows).zip(first.chunks_mut(rows)).zip(second.chunks_mut(rows)).enumerate();
-            for (n, ((parameters, first), second)) in blocks {
+            for (n, parameters) in parameters.chunks_mut(rows).enumerate() {
                 let index = chunk * CHUNK + n;
                 let values = gradients.values_of(index as u32);
                 if let Some(values) = values {
@@ -110,7 +104,7 @@ pub(crate) fn sparse_adam(
                         add_statistics(statistics, stats.block(n));
                     }
                 }
-                update(simd, &step, index, parameters, MomentRows { first, second }, values.map(|_| &*gradient));
+                update(simd, &step, index, parameters, moments.block(n, rows), values.map(|_| &*gradient));
             }
         });
     });

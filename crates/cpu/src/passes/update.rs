@@ -16,13 +16,14 @@ use fearless_simd::Level;
 use luxel_core::engine::{DensifyStats, StatsCollection, StepConfig};
 use rayon::prelude::*;
 
-use super::adam::{MomentRows, Optimizer, Step, update};
+use super::adam::{Optimizer, Step, update};
 use super::pass_times::PassTimes;
 use super::project::Footprint;
 use super::project_all::project_block;
 use super::project_backward::{BlockStats, BlockSums, Inputs, project_backward};
 use crate::lanes::{LANES, Lanes, with_simd};
 use crate::memory::Buffer;
+use crate::moments::MomentRows;
 use crate::prefetch::fetch;
 use crate::store::Block;
 use crate::view::ScreenCamera;
@@ -59,8 +60,7 @@ struct Chunk<'a> {
     /// Number of the chunk.
     index: usize,
     parameters: &'a mut [Lanes],
-    first: &'a mut [Lanes],
-    second: &'a mut [Lanes],
+    moments: MomentRows<'a>,
     stats: ChunkStats<'a>,
     /// Footprints in the next view, if it is known.
     footprints: Option<&'a mut [Footprint]>,
@@ -105,16 +105,11 @@ pub(crate) fn backward_and_adam(
     scratch.gradients.resize_with(rayon::current_num_threads(), Mutex::default);
     let scratch = &scratch.gradients;
     let times = PassTimes::default();
-    let chunks = (
-        optimizer.parameters.lanes.par_chunks_mut(CHUNK * rows),
-        optimizer.first.lanes.par_chunks_mut(CHUNK * rows),
-        optimizer.second.lanes.par_chunks_mut(CHUNK * rows),
-        stats_chunks(stats),
-    );
+    let chunks = (optimizer.parameters.lanes.par_chunks_mut(CHUNK * rows), optimizer.moments.chunks(CHUNK), stats_chunks(stats));
     let chunks = chunks.into_par_iter().enumerate().with_max_len(CHUNKS_AT_A_TIME);
     let (next_camera, footprints) = next.map(|next| (next.camera, next.footprints)).unzip();
     let update_chunk = |chunk: Chunk<'_>| {
-        let Chunk { index: chunk, parameters, first, second, mut stats, footprints } = chunk;
+        let Chunk { index: chunk, parameters, mut moments, mut stats, footprints } = chunk;
         let start = Instant::now();
         // Each thread has a buffer of its own. If it is locked or poisoned, a new one serves as
         // well.
@@ -139,10 +134,9 @@ pub(crate) fn backward_and_adam(
         });
         let backward_done = Instant::now();
         with_simd!(level, simd => {
-            let blocks = parameters.chunks_mut(rows).zip(first.chunks_mut(rows)).zip(second.chunks_mut(rows)).enumerate();
-            for (n, ((parameters, first), second)) in blocks {
+            for (n, parameters) in parameters.chunks_mut(rows).enumerate() {
                 let gradient = written[n].then_some(&gradients[n * rows..][..rows]);
-                update(simd, &step, chunk * CHUNK + n, parameters, MomentRows { first, second }, gradient);
+                update(simd, &step, chunk * CHUNK + n, parameters, moments.block(n, rows), gradient);
             }
         });
         let adam_done = Instant::now();
@@ -158,12 +152,12 @@ pub(crate) fn backward_and_adam(
     };
     match footprints {
         Some(footprints) => {
-            chunks.zip(footprints.par_chunks_mut(CHUNK * LANES)).for_each(|((index, (parameters, first, second, stats)), footprints)| {
-                update_chunk(Chunk { index, parameters, first, second, stats, footprints: Some(footprints) });
+            chunks.zip(footprints.par_chunks_mut(CHUNK * LANES)).for_each(|((index, (parameters, moments, stats)), footprints)| {
+                update_chunk(Chunk { index, parameters, moments, stats, footprints: Some(footprints) });
             });
         }
-        None => chunks.for_each(|(index, (parameters, first, second, stats))| {
-            update_chunk(Chunk { index, parameters, first, second, stats, footprints: None });
+        None => chunks.for_each(|(index, (parameters, moments, stats))| {
+            update_chunk(Chunk { index, parameters, moments, stats, footprints: None });
         }),
     }
     times.totals()

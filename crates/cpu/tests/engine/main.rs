@@ -21,6 +21,7 @@ mod layers;
 mod mix;
 mod number;
 mod oracle;
+mod packed_moments;
 mod probe;
 mod ray_reference;
 mod tile_memory;

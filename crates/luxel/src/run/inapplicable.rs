@@ -7,7 +7,7 @@
 use std::fmt;
 
 use luxel_io::Supervision;
-use luxel_train::{Condition, Method, NamedChoice, OPTIONS};
+use luxel_train::{Condition, ExposureCompensation, Method, NamedChoice, OPTIONS};
 
 use super::{ExplicitArgs, RunConfig};
 
@@ -60,8 +60,10 @@ const GEOMETRY_OPTIONS: &[&str] = &[
     "strategy",
     "max_splats",
     "pixels_per_splat",
+    "hold_out",
     "turnover",
     "dropout",
+    "clearance",
     "absgrad",
     "densify_from",
     "densify_until",
@@ -174,8 +176,18 @@ impl RunConfig {
             is_made: !self.train.method.has_own_steps(),
             options: vec!["cutoffs"],
         };
+        let train = &self.train;
+        let aside = [
+            ("batch", "1", train.batch == 1),
+            ("crop", Choice::LEFT_OUT, train.crop.is_none()),
+            ("refine_poses", Choice::LEFT_OUT, !train.refine_poses),
+            ("vignetting", Choice::LEFT_OUT, !train.vignetting),
+            ("exposure_compensation", "off", train.exposure_compensation == ExposureCompensation::Off),
+            ("supervision", "hdr", self.load.supervision == Supervision::Hdr),
+        ];
+        let aside = aside.map(|(option, value, is_made)| Group { choice: Choice { option, value }, is_made, options: vec!["hold_out"] });
         let by_condition = Condition::ALL.into_iter().map(|condition| self.group(condition));
-        [splats, unit_exposure].into_iter().chain(by_condition).chain([frozen, from, cutoffs]).collect()
+        [splats, unit_exposure].into_iter().chain(by_condition).chain([frozen, from, cutoffs]).chain(aside).collect()
     }
 
     fn group(&self, condition: Condition) -> Group {

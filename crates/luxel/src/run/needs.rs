@@ -71,14 +71,16 @@ impl RunMemory {
             false if train.batch > 1 => u64::from(train.batch) + 1,
             false => 0,
         };
-        let most_splats = train.splat_limit(plan.train_px) as u64;
-        let splats = train.max_splats.map_or(u64::from(train.init_points).min(most_splats), u64::from);
+        let (limit, most_splats) = (train.splat_limit(plan.train_px) as u64, train.most_splats(plan.train_px) as u64);
+        let splats = train.max_splats.map_or(u64::from(train.init_points).min(limit), u64::from);
         let first_colors = first_colors_bytes(splats, plan.images as u64);
         let rows = ParameterRows { color_model: train.color_model() }.count() as u64;
+        // Both moments of a parameter share its four bytes.
+        let saved = u64::from(train.packs_moments());
         Self {
             images_bytes: plan.memory_bytes(),
             buffers_bytes: BASE_BYTES + step.max(measurement).max(first_colors),
-            splat_bytes: 4 * (COPIES + gradients) * rows + SPLAT_BYTES,
+            splat_bytes: 4 * (COPIES + gradients - saved) * rows + SPLAT_BYTES,
             splats,
             most_splats,
             is_most_in_steps: step > measurement,

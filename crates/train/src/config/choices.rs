@@ -1,5 +1,6 @@
 //! Options whose values have names.
 
+use luxel_core::engine::MomentFormat;
 use luxel_core::{Activation, Antialias};
 use luxel_metrics::GainChannels;
 use serde::{Deserialize, Serialize};
@@ -202,13 +203,23 @@ choices! {
     }
 }
 
-choice_options!(Activation, Antialias);
+choice_options!(Activation, Antialias, MomentFormat);
 
 impl NamedChoice for Activation {
     const VALUES: &'static [(Self, ValueHelp)] = &[
         (Self::Softplus, ValueHelp { name: "softplus", help: "" }),
         (Self::Exp, ValueHelp { name: "exp", help: "" }),
         (Self::Relu, ValueHelp { name: "relu", help: "" }),
+    ];
+}
+
+impl NamedChoice for MomentFormat {
+    const VALUES: &'static [(Self, ValueHelp)] = &[
+        (Self::F32, ValueHelp { name: "f32", help: "Single precision" }),
+        (
+            Self::Bf16,
+            ValueHelp { name: "bf16", help: "Sixteen bits, rounded at random: a third less memory for each splat; on a processor alone" },
+        ),
     ];
 }
 

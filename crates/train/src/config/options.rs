@@ -6,6 +6,7 @@
 //! [`super::preset`], too. The doc comment is the help: one sentence on what the option does,
 //! without a full stop; names of options stand in backticks. Range and default are added to it.
 
+use luxel_core::engine::MomentFormat;
 use luxel_core::{Activation, Antialias, MAX_SAMPLES};
 use serde::{Deserialize, Serialize};
 
@@ -86,6 +87,8 @@ options! {
         batch: u32 = 1, "N", Range::Limits { min: 1, max: MAX_BATCH as u64 };
         /// Rule by which the optimiser's rates follow `batch`
         batch_rule: BatchRule = BatchRule::Sqrt, "BATCH_RULE", Range::Any, needs: [Batch];
+        /// Format of the optimiser's moments in memory
+        moments: MomentFormat = MomentFormat::F32, "FORMAT", Range::Any;
         /// Seed of all random numbers
         seed: u64 = 42, "N", Range::Limits { min: 0, max: MAX_SEED };
         /// Train on reduced images first: off, auto, or FACTOR@STEP pairs such as
@@ -99,7 +102,8 @@ options! {
         average_share: f32 = 0.15, "FRACTION", Range::ShareBelowOne;
         /// Fraction of the splats that a step leaves out at random, so that training views are not
         /// fitted by splats that other views contradict; it rises from 0 at the first step to this
-        /// at the last
+        /// at the last, or to as much as twice this where views kept aside (`hold_out`) are much
+        /// worse than others
         dropout: f32 = 0.2, "FRACTION", Range::ShareBelowOne;
     }
     "Colour model" {
@@ -210,8 +214,12 @@ options! {
         /// Largest number of splats
         max_splats: Option<u32> = None, "N", Range::AtLeast(1), unset: "by `pixels_per_splat`; without that none for adc, 100000 for mcmc";
         /// Limit the number of splats to the pixels of all training images divided by this number,
-        /// but to no fewer than 40000; `max_splats` takes precedence
+        /// but to no fewer than 40000; with `hold_out`, four times as many where the scene needs
+        /// them; `max_splats` takes precedence
         pixels_per_splat: Option<u32> = Some(72), "PIXELS", Range::AtLeast(1);
+        /// Fraction of the training views, of 12 or more, that are kept aside while splats are
+        /// added and tell how many the scene needs; later all views are trained on; 0 turns it off
+        hold_out: f32 = 0.1, "FRACTION", Range::ShareBelowOne, needs: [Adc];
         /// Fraction of the largest number of splats that a round may relocate once that number is
         /// reached
         turnover: f32 = 0.1, "FRACTION", Range::Share, needs: [Adc];

@@ -44,6 +44,8 @@ presets! {
     /// Paper: no bound. Full and fast: with more splats the training images are overfit, and the
     /// test views get worse.
     pixels_per_splat:        None,                        Some(72),                    Some(72);
+    /// Paper: 0, because all images are trained on, and there is no bound.
+    hold_out:                0.0,                         0.1,                         0.1;
     /// Paper: 0, because without a bound nothing is relocated. Full and fast: without relocation,
     /// growth would end when the bound is reached.
     turnover:                0.0,                         0.1,                         0.1;

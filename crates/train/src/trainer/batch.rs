@@ -145,7 +145,11 @@ impl Trainer {
     pub(super) fn ask_ahead(&mut self, of: SlotView) {
         let own = self.own_slots();
         let (step, slot) = if of.slot + 1 < own.end { (of.step, of.slot + 1) } else { (of.step.saturating_add(1), own.start) };
-        let next = if step == of.step { self.step_views.get(slot).copied() } else { Some(self.state.upcoming_view(slot)) };
+        let next = if step == of.step {
+            self.step_views.get(slot).copied()
+        } else {
+            Some(self.state.upcoming_view(slot, &self.aside_in(of.step.saturating_add(1))))
+        };
         let Self { views, state, .. } = self;
         // Looked at first, so that the reader works while the engine does. An error comes again.
         let _ = views.part_at(of.step, of.index, state.gain(of.index), state.crop(of.step, of.slot));

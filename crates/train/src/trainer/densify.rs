@@ -94,9 +94,9 @@ impl Trainer {
 
     /// Returns the rows of the scene after a round of densification, in spatial order.
     fn plan_round(&mut self, step: u32) -> Result<Vec<PlanRow>, TrainError> {
+        let max_splats = self.room(step)?;
         let geometry = self.engine.geometry()?;
         let config = &self.state.config;
-        let max_splats = config.splat_limit(self.views.train_px());
         let rows = match config.strategy {
             Strategy::Adc => {
                 let percent = config.percent_dense.unwrap_or(if config.absgrad { PERCENT_DENSE_ABSGRAD } else { PERCENT_DENSE });

@@ -12,6 +12,7 @@ use super::scene_start::{check_scene, start_of_scene, with_raster};
 use super::{Trainer, VecDeque};
 use crate::average::Average;
 use crate::camera_response::CameraResponse;
+use crate::holdout::views_aside;
 use crate::peers::{LiftedEngine, SharedNetworks, check_captured, check_pairs, one_exposure};
 use crate::pixel_weights::ToneScale;
 use crate::recorded::is_recorded;
@@ -76,6 +77,7 @@ impl Trainer {
         };
         let splats = if config.method == Method::MonoHdrGs { captured_colors(splats, radiance_scale, dataset, &config)? } else { splats };
         let extent = scene_extent(&dataset.train, &splats.position);
+        engine.set_moment_format(config.moments)?;
         engine.load(&splats, None)?;
         tracing::info!(
             splats = splats.len(),
@@ -115,6 +117,7 @@ impl Trainer {
         if average.as_ref().is_some_and(|average| [average.len(), average.sh.len()] != [scene.splats.len(), scene.splats.sh.len()]) {
             return Err(TrainError::State("the average of the parameters is of other splats than the scene's".to_owned()));
         }
+        engine.set_moment_format(state.config.moments)?;
         engine.load(&scene.splats, Some(&moments))?;
         engine.set_densify_stats(&stats)?;
         let average = average.map(|mean| Average::new(mean, state.averaged));
@@ -135,6 +138,8 @@ impl Trainer {
             Some(lift) => Box::new(LiftedEngine::new(engine, lift.clone())),
         };
         let poses = state.poses.is_some().then(|| poses_of(dataset, state.extent));
+        let keeps_aside = config.keeps_views_aside() && state.response.is_none();
+        let aside = if keeps_aside { views_aside(&dataset.train, config.hold_out, state.extent) } else { Vec::new() };
         let mut trainer = Self {
             engine,
             views,
@@ -149,6 +154,7 @@ impl Trainer {
             poses,
             lenses,
             lift,
+            aside,
             exchange: Box::new(Alone),
             step_views: Vec::new(),
             wants_to_stop: false,

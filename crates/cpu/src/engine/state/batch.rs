@@ -42,9 +42,9 @@ impl State {
     /// Makes the update of a step from gradients of its splats.
     pub(in crate::engine) fn apply_gradients(&mut self, gradients: &SparseGradients, step: &StepConfig) {
         self.finish();
-        let Self { level, parameters, first, second, stats, timings, .. } = self;
+        let Self { level, parameters, moments, stats, timings, .. } = self;
         let mut clock = Clock::new(timings);
-        sparse_adam(*level, gradients, Optimizer { parameters, first, second }, step, stats);
+        sparse_adam(*level, gradients, Optimizer { parameters, moments }, step, stats);
         clock.lap(Pass::Adam);
         if step.stats == StatsCollection::Off {
             self.spare.resize(0);

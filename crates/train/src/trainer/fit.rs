@@ -1,0 +1,189 @@
+//! The number of splats that there is room for, and the share that a step leaves out, which follow
+//! the scene.
+//!
+//! In: the scene while splats are added, the views kept aside ([`crate::holdout`]). Out: the
+//! largest number of splats of a round, and a factor of dropout. The number begins at the limit of
+//! the configuration. When the scene fills it, it rises while the views kept aside are nearly as
+//! good as their neighbours that are trained on: there is detail that more splats represent for
+//! every view. Where they lag behind, more splats only overfit. Where they lag far behind, single
+//! splats explain single views, and a larger share is left out once no more are added. Degenerate:
+//! a limit that the user gives stays as it is; without views aside, nothing changes.
+
+use luxel_core::Image;
+use luxel_metrics::psnr_scene;
+
+use super::Trainer;
+use crate::TrainError;
+use crate::holdout::{Aside, Fit};
+
+/// Largest lead of views that are trained on over views kept aside at which the limit rises, dB.
+const MOST_LEAD_DB: f64 = 1.5;
+
+/// Fraction of the limit by which a round raises it: slow enough for overfitting to show.
+const RISE: f64 = 0.12;
+
+/// Fraction of the limit from which the scene counts as having filled it.
+const FULL: f64 = 0.97;
+
+/// Weight of the latest round in the mean of the leads.
+const LATEST: f64 = 0.2;
+
+/// Lead up to which dropout is that of the configuration, dB.
+const DROPOUT_LEAD_DB: f64 = 4.0;
+
+/// Largest factor of dropout.
+const MOST_DROPOUT: f64 = 2.0;
+
+impl Fit {
+    /// Returns the fit after a round that found `lead_db`, with a scene of `splats` and a limit of
+    /// at most `most`.
+    fn after(self, lead_db: f64, splats: usize, most: usize) -> Self {
+        let lead_db = self.lead_db + LATEST * (lead_db - self.lead_db);
+        let rises = splats as f64 >= FULL * f64::from(self.room) && lead_db < MOST_LEAD_DB;
+        let raised = if rises { f64::from(self.room) * (1.0 + RISE) } else { 0.0 };
+        Self { room: self.room.max((raised as u32).min(u32::try_from(most).unwrap_or(u32::MAX))), lead_db }
+    }
+
+    /// Returns the factor of dropout.
+    fn dropout_factor(self) -> f32 {
+        (self.lead_db / DROPOUT_LEAD_DB).clamp(1.0, MOST_DROPOUT) as f32
+    }
+}
+
+impl Trainer {
+    /// Returns the indices of the views that `step` does not train on.
+    pub(super) fn aside_in(&self, step: u32) -> Vec<usize> {
+        let is_adding = self.schedule.is_densifying(step);
+        self.aside.iter().filter(|_| is_adding).map(|aside| aside.view).collect()
+    }
+
+    /// Returns the share of the splats that `step` leaves out, if any.
+    pub(super) fn dropout_rate(&self, step: u32) -> Option<f32> {
+        let rate = self.schedule.dropout_rate(&self.state.config, step)?;
+        let factor = self.state.fit.filter(|_| !self.schedule.is_densifying(step)).map_or(1.0, Fit::dropout_factor);
+        Some((rate * factor).min(MOST_LEFT_OUT.max(rate)))
+    }
+
+    /// Returns the largest number of splats of the round after `step`.
+    pub(super) fn room(&mut self, step: u32) -> Result<usize, TrainError> {
+        let train_px = self.views.train_px();
+        let (limit, most) = (self.state.config.splat_limit(train_px), self.state.config.most_splats(train_px));
+        let room = self.state.fit.map_or(limit, |fit| fit.room as usize);
+        let round = (step / self.schedule.densify_interval.max(1)) as usize;
+        let aside = self.aside.get(round % self.aside.len().max(1)).cloned();
+        let Some(aside) = aside.filter(|_| !self.schedule.is_recovering(step)) else { return Ok(room) };
+        let Some(lead_db) = self.lead_db(step, &aside)? else { return Ok(room) };
+        let before = self.state.fit.unwrap_or(Fit { room: u32::try_from(limit).unwrap_or(u32::MAX), lead_db });
+        let after = before.after(lead_db, self.engine.len(), most);
+        tracing::debug!(step, lead_db, mean_lead_db = after.lead_db, room = after.room, "views kept aside");
+        self.state.fit = Some(after);
+        Ok(after.room as usize)
+    }
+
+    /// Returns by how many decibels the neighbours of a view kept aside are better than it.
+    fn lead_db(&mut self, step: u32, aside: &Aside) -> Result<Option<f64>, TrainError> {
+        let Some(of_aside) = self.psnr_of(step, aside.view)? else { return Ok(None) };
+        let mut of_trained = Vec::new();
+        for neighbour in &aside.neighbours {
+            of_trained.extend(self.psnr_of(step, *neighbour)?);
+        }
+        let mean = of_trained.iter().sum::<f64>() / of_trained.len() as f64;
+        Ok((!of_trained.is_empty()).then_some(mean - of_aside))
+    }
+
+    /// Returns the PSNR of a view under the mu-law, dB; `None` if it has no valid pixel or no
+    /// error.
+    fn psnr_of(&mut self, step: u32, index: usize) -> Result<Option<f64>, TrainError> {
+        let (options, mu) = (self.render_options_of(step), self.state.config.mu);
+        let Some(view) = self.views.at(step, index, [1.0; 3])? else { return Ok(None) };
+        let render = self.engine.render(&view.camera, &options)?;
+        let scale = view.target.scale;
+        let normalised = |pixel: &[f32; 3]| std::array::from_fn(|c| pixel[c] * scale[c]);
+        let pixels = view.image.pixels.iter().map(normalised).collect();
+        let target = Image { width: view.image.width, height: view.image.height, pixels };
+        Ok(psnr_scene(&render, &target, view.mask.as_deref(), mu).ok().filter(|psnr| psnr.is_finite()))
+    }
+}
+
+/// Largest share of the splats that a factor of dropout may lead to.
+const MOST_LEFT_OUT: f32 = 0.5;
+
+#[cfg(test)]
+mod tests {
+    use luxel_core::{Dataset, Image, Point};
+    use luxel_cpu::CpuEngine;
+
+    use super::*;
+    use crate::TrainConfig;
+    use crate::testing::{camera_at, dataset_of, view_of};
+
+    #[test]
+    fn the_limit_rises_while_views_aside_keep_up_and_the_scene_fills_it() {
+        let fit = Fit { room: 1000, lead_db: 1.0 };
+        assert_eq!(fit.after(1.0, 1000, 4000), Fit { room: 1120, lead_db: 1.0 });
+        assert_eq!(fit.after(1.0, 900, 4000).room, 1000, "not filled");
+        assert_eq!(fit.after(1.0, 1000, 1050).room, 1050, "at most");
+        assert_eq!(fit.after(1.0, 1000, 1000).room, 1000, "a limit that the user gave");
+        let behind = fit.after(6.0, 1000, 4000);
+        assert_eq!(behind, Fit { room: 1000, lead_db: 2.0 });
+        assert_eq!(behind.after(2.0, 1000, 4000).room, 1000);
+    }
+
+    #[test]
+    fn dropout_grows_with_the_lead_and_at_most_twofold() {
+        let factor = |lead_db| Fit { room: 1, lead_db }.dropout_factor();
+        assert_eq!([-1.0, 1.0, 4.0, 6.0, 8.0, 20.0].map(factor), [1.0, 1.0, 1.0, 1.5, 2.0, 2.0]);
+    }
+
+    /// Cameras along a line before a wall of points, whose views agree or have each a grey of its
+    /// own, which no scene explains.
+    fn wall(agree: bool) -> Dataset {
+        let points = (0..100).map(|i| Point {
+            position: [0.1 * (i % 10) as f32 - 0.5, 0.1 * (i / 10) as f32 - 0.5, 4.0],
+            rgb8: Some([128; 3]),
+            observations: Vec::new(),
+        });
+        let grey = |i: usize| if agree { 0.5 } else { 0.1 + 0.9 * ((i * 7) % 13) as f32 / 13.0 };
+        let view =
+            |i: usize| view_of(&format!("{i:02}"), camera_at([0.02 * i as f64, 0.0, 0.0], [24, 24]), Image::filled(24, 24, [grey(i); 3]));
+        let mut dataset = dataset_of((0..14).map(view).collect());
+        dataset.points = points.collect();
+        dataset
+    }
+
+    fn trainer(agree: bool) -> Trainer {
+        let config = TrainConfig { iterations: 400, densify_from: Some(20), densify_interval: 20, ..TrainConfig::default() };
+        Trainer::new(&wall(agree), config, Box::new(CpuEngine::new(1).unwrap())).unwrap()
+    }
+
+    #[test]
+    fn views_that_disagree_lag_behind_and_all_are_trained_on_at_the_end() {
+        let leads = [true, false].map(|agree| {
+            let mut trainer = trainer(agree);
+            let [Aside { view, .. }] = trainer.aside[..] else { panic!("{:?}", trainer.aside) };
+            let mut trained = [false; 2];
+            for step in 1..=400 {
+                trainer.step().unwrap();
+                trained[usize::from(step >= 200)] |= trainer.step_views == [view];
+            }
+            assert_eq!(trained, [false, true]);
+            trainer.state.fit.unwrap().lead_db
+        });
+        assert!(leads[0] < 0.2 && leads[1] > 0.5, "{leads:?}");
+    }
+
+    #[test]
+    fn a_resumed_run_goes_on_with_what_the_views_aside_told() {
+        let mut first = trainer(false);
+        for _ in 0..110 {
+            first.step().unwrap();
+        }
+        let mut resumed = Trainer::resume(&wall(false), first.snapshot().unwrap(), Box::new(CpuEngine::new(1).unwrap())).unwrap();
+        for trainer in [&mut first, &mut resumed] {
+            for _ in 0..50 {
+                trainer.step().unwrap();
+            }
+        }
+        assert!(first.state.fit.is_some() && first.state == resumed.state);
+    }
+}
