@@ -122,7 +122,9 @@ fn shot(samples: &[f64], stated: [Option<f64>; 2]) -> Result<Vec<f64>, String> {
     if last - first >= MAX_FRAMES {
         return Err(format!("{} frames from time {first} to {last}, expected at most {MAX_FRAMES}", last - first + 1.0));
     }
-    let whole: Vec<f64> = (0..).map(|n| first + f64::from(n)).take_while(|time| *time <= last).collect();
+    // Counted, since times of many digits do not grow by 1.
+    let count = if last >= first { (last - first) as u32 + 1 } else { 0 };
+    let whole: Vec<f64> = (0..count).map(|n| first + f64::from(n)).collect();
     Ok(if whole.is_empty() { samples.to_vec() } else { whole })
 }
 

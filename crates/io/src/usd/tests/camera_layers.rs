@@ -67,6 +67,27 @@ fn written_cameras_are_read_back() {
 }
 
 #[test]
+fn ranges_of_time_are_bounded() {
+    use crate::{StageChoice, decode_stage_cameras};
+    let frames = |range: &str| {
+        let text = format!(
+            "#usda 1.0\n(\n{range}\n)\ndef Camera \"c\" {{\n double3 xformOp:translate.timeSamples = {{ 0.25: (0, 0, 0), 0.75: (1, 0, 0) }}\n \
+             uniform token[] xformOpOrder = [\"xformOp:translate\"]\n}}\n"
+        );
+        let choice = StageChoice { camera: None, size_px: Some([8, 8]) };
+        decode_stage_cameras(name(), text.as_bytes(), choice)
+            .map(|found| found.cameras.into_iter().map(|named| named.name).collect::<Vec<_>>())
+    };
+    // No whole time code: the samples themselves.
+    assert_eq!(frames("").unwrap(), ["c.0_25", "c.0_75"]);
+    assert_eq!(frames("    startTimeCode = 9\n    endTimeCode = 11").unwrap(), ["c.0009", "c.0010", "c.0011"]);
+    assert_eq!(frames("    startTimeCode = 3\n    endTimeCode = 1").unwrap(), ["c.0_25", "c.0_75"]);
+    // Where adding 1 changes nothing.
+    assert_eq!(frames("    startTimeCode = 1e300\n    endTimeCode = 1e300").unwrap().len(), 1);
+    assert!(frames("    startTimeCode = 0\n    endTimeCode = 1e9").unwrap_err().message.contains("expected at most 100000"));
+}
+
+#[test]
 fn damaged_layers_with_cameras_are_errors() {
     let bytes = unhex(BINARY);
     for length in 8..bytes.len() {
