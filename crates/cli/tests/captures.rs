@@ -119,7 +119,8 @@ fn mono_hdr_gs_trains_measures_renders_exports_and_resumes_like_other_methods() 
     place.ok(&["render", "run", "-o", "frames", "--threads", "2"]);
     let render = |path: &str| luxel_io::read_image(&place.path(path), &Default::default()).unwrap().image.pixels;
     let evaluated = render("run/eval/step_40/renders/000.exr");
-    let worst = evaluated.as_flattened().iter().zip(render("frames/000.exr").as_flattened());
+    let rendered = render("frames/000.exr");
+    let worst = evaluated.as_flattened().iter().zip(rendered.as_flattened());
     assert!(worst.map(|(a, b)| (a - b).abs() / (a.abs() + 1e-3)).fold(0.0, f32::max) < 2e-3);
     let scene = "run/point_cloud/iteration_40/point_cloud.ply";
     assert!(place.ok(&["info", scene]).contains("logsh3"));

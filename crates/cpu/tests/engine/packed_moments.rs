@@ -21,8 +21,8 @@ fn train(engine: &mut CpuEngine, view: &View, steps: std::ops::RangeInclusive<u3
     steps.map(|number| engine.train_step(view, &fixture::step(number, render)).unwrap().loss).last().unwrap()
 }
 
-fn bits(splats: &Splats) -> Vec<u32> {
-    flatten(splats).into_iter().map(f32::to_bits).collect()
+fn bits(splats: &Splats) -> Vec<u64> {
+    flatten(splats).into_iter().map(f64::to_bits).collect()
 }
 
 #[test]
@@ -33,8 +33,8 @@ fn a_run_has_the_same_bits_on_any_threads_and_when_it_is_broken() {
     let mut unbroken = engine(MomentFormat::Bf16, 1, &splats, None);
     train(&mut unbroken, &view, 1..=8);
     let (expected, moments) = unbroken.save().unwrap();
-    assert!(flatten(&moments.first).iter().all(|value| value.to_bits() & 0xffff == 0));
-    assert!(flatten(&moments.second).iter().all(|value| value.to_bits() & 0x7fff == 0 && *value >= 0.0));
+    assert!(flatten(&moments.first).iter().all(|value| (*value as f32).to_bits() & 0xffff == 0));
+    assert!(flatten(&moments.second).iter().all(|value| (*value as f32).to_bits() & 0x7fff == 0 && *value >= 0.0));
     for (threads, broken_after) in [(2, 3), (3, 5)] {
         let mut first = engine(MomentFormat::Bf16, threads, &splats, None);
         train(&mut first, &view, 1..=broken_after);

@@ -70,9 +70,9 @@ pub struct Metrics {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub vignetting: Vec<LensVignetting>,
     /// `test`, and at the end of training `train`; where poses were refined, `test_aligned`; where
-    /// a capture leaves gains open, `test_gain_common` or `test_gain_per_view` too; where a response
-    /// is learned `test_ldr`, captured images of the test views; where the method lifts colours,
-    /// `test_folded` and `test_folded_gain_common`, of the scene without the lift.
+    /// a capture leaves gains open, `test_gain_common` or `test_gain_per_view` too; where a
+    /// response is learned `test_ldr`, captured images of the test views; where the method lifts
+    /// colours, `test_folded` and `test_folded_gain_common`, of the scene without the lift.
     pub splits: BTreeMap<String, SplitMetrics>,
 }
 
