@@ -266,9 +266,9 @@ options! {
     }
     "Learning rates" {
         /// Initial learning rate of positions, times the scene's extent
-        position_lr: f32 = 4e-4, "RATE", Range::Positive;
+        position_lr: f32 = 8e-4, "RATE", Range::Positive;
         /// Final learning rate of positions, times the scene's extent
-        position_lr_final: f32 = 4e-6, "RATE", Range::Positive;
+        position_lr_final: f32 = 8e-6, "RATE", Range::Positive;
         /// Learning rate of the constant terms of the spherical harmonics; the other terms have a
         /// twentieth
         sh_lr: f32 = 2.5e-3, "RATE", Range::AtLeast(0);
