@@ -119,5 +119,5 @@ fn a_study_has_fields_among_its_methods() {
     let tables = std::fs::read_to_string(place.path("study/tables.tex")).unwrap();
     assert!(tables.contains("nerf-grid (NeRF, hash grid)"), "{tables}");
     let plan = place.ok(&["reproduce", "data", "-o", "other", "--methods", "table1", "--seeds", "1", "--iterations", "20", "--dry-run"]);
-    assert!(plan.contains("8 runs"), "{plan}");
+    assert!(plan.contains("10 runs"), "{plan}");
 }

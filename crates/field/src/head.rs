@@ -109,6 +109,7 @@ impl Head {
 
     /// Writes the gradient by raw colours, `[samples, 3]`, given that by the channels, and adds
     /// that by the weights. `room` is as [`Self::forward`] left it.
+    #[expect(clippy::too_many_arguments, reason = "what was computed before, and the places of two gradients")]
     #[inline(always)]
     pub(crate) fn backward<S: Simd>(
         &self,
@@ -124,9 +125,9 @@ impl Head {
         match (self.kind, &self.network) {
             (ColorHead::Lifted, Some(lift)) => {
                 by_raw.resize(raw.len(), 0.0);
-                for c in 0..RAW {
+                for (c, room) in room.iter_mut().enumerate() {
                     let at = c * lift.len()..(c + 1) * lift.len();
-                    self.backward_lift(simd, lift, &weights[at.clone()], [raw, by_channels], c, &mut room[c], by_raw, &mut gradient[at]);
+                    self.backward_lift(simd, lift, &weights[at.clone()], [raw, by_channels], c, room, by_raw, &mut gradient[at]);
                 }
             }
             // Behind the limit there is no gradient but that of the limit itself, so that radiance

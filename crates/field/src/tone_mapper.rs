@@ -62,7 +62,6 @@ impl Head {
     /// Writes the gradient by radiance, given that by captured values, and adds that by the
     /// weights. `room` is as [`Self::record`] left it.
     #[inline(always)]
-    #[expect(clippy::too_many_arguments, reason = "what was computed before, and the places of two gradients")]
     pub(crate) fn backward_record<S: Simd>(
         &self,
         simd: S,

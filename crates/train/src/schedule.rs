@@ -277,7 +277,7 @@ mod tests {
         assert!(!s.has_reset_before(3000) && s.has_reset_before(3001));
         assert_eq!([999, 1000, 2999, 3000, 30_000].map(|t| s.active_degree(t, 3)), [0, 1, 2, 3, 3]);
         let rates = s.learning_rates(&config, 15_000);
-        assert!((rates.position / (4e-5 * 2.0) - 1.0).abs() < 1e-4, "{}", rates.position);
+        assert!((rates.position / (8e-5 * 2.0) - 1.0).abs() < 1e-4, "{}", rates.position);
         assert_eq!((rates.sh_dc, rates.sh_rest, rates.luminance_dc), (2.5e-3, 2.5e-3 / 20.0, 0.05));
     }
 

@@ -156,7 +156,7 @@ options! {
         lift_lr: f32 = 5e-4, "RATE", Range::Positive, needs: [MonoHdrGs];
         /// Number of hidden units of the tone mapping networks
         tone_width: u32 = 128, "N", Range::Limits { min: 1, max: 1024 }, needs: [HdrGs];
-        /// Learning rate of the tone mapping networks; that of `gausshdr` falls to a tenth of it
+        /// Learning rate of the tone mapping networks; with gausshdr it falls to a tenth of this
         tone_lr: f32 = 5e-4, "RATE", Range::Positive, needs: [ToneNetworks];
         /// Learning rate of the context features of splats
         feature_lr: f32 = 7.5e-3, "RATE", Range::Positive, needs: [GaussHdr];

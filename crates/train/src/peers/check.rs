@@ -10,14 +10,10 @@ use crate::{NamedChoice, TrainConfig, TrainError};
 /// # Errors
 /// [`TrainError::Config`] for the first one.
 pub(crate) fn check_options(config: &TrainConfig) -> Result<(), TrainError> {
-    if !config.method.has_own_steps() {
-        return Ok(());
-    }
-    if config.ldr_weight + config.hdr_weight == 0.0 {
+    if config.method.trains_on_pairs() && config.ldr_weight + config.hdr_weight == 0.0 {
         return Err(TrainError::config("hdr_weight", "found 0 beside an ldr_weight of 0, expected one above 0"));
     }
-    // What splats alone have is not applied to a field.
-    if config.method.is_field() {
+    if !config.method.has_own_steps() {
         return Ok(());
     }
     let method = config.method.name();
@@ -37,9 +33,6 @@ pub(crate) fn check_options(config: &TrainConfig) -> Result<(), TrainError> {
         TrainConfig { vignetting: true, .. } => refused("vignetting", "true".to_owned(), "false"),
         TrainConfig { refine_poses: true, .. } => refused("refine_poses", "true".to_owned(), "false"),
         TrainConfig { background, .. } if *background != [0.0; 3] => refused("background", format!("{background:?}"), "0"),
-        TrainConfig { ldr_weight, hdr_weight, .. } if config.method.trains_on_pairs() && *ldr_weight + *hdr_weight == 0.0 => {
-            Err(TrainError::config("hdr_weight", "found 0 beside an ldr_weight of 0, expected one above 0"))
-        }
         _ => Ok(()),
     }
 }

@@ -193,7 +193,7 @@ impl GaussTone {
                 let input = with_feature(&item, c);
                 let by = self.local[c].backward(simd, &input, by_raw[3 + c], &mut local_sums[c * LOCAL_NUMBERS..][..LOCAL_NUMBERS]);
                 by_item[c] = by_item[c] + by_s + by[0];
-                (0..FEATURES).for_each(|k| by_item[3 + k] = by_item[3 + k] + by[1 + k]);
+                (0..FEATURES).for_each(|k| by_item[3 + k] += by[1 + k]);
                 // The gradient by the item ends here.
                 self.uncertainty.backward(simd, &input, by_raw[6 + c], uncertainty_sums);
             }
@@ -313,7 +313,8 @@ mod tests {
             assert!((numeric - found).abs() < 1e-3 + 1e-2 * found.abs(), "{i}, {k}: {numeric} {found}");
         }
         let exact = tone.backward(&items, &tone.apply(&items), &by(37, 0..OUTPUTS));
-        let networks: [(usize, fn(&mut GaussTone) -> &mut [f32]); 3] = [
+        type Numbers = fn(&mut GaussTone) -> &mut [f32];
+        let networks: [(usize, Numbers); 3] = [
             (GLOBAL_NUMBERS, |tone| tone.global[1].numbers_mut()),
             (3 * GLOBAL_NUMBERS + 2 * LOCAL_NUMBERS, |tone| tone.local[2].numbers_mut()),
             (3 * GLOBAL_NUMBERS + 3 * LOCAL_NUMBERS, |tone| tone.uncertainty.numbers_mut()),

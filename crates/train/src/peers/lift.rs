@@ -96,6 +96,9 @@ fn lifted(table: &LineTable, l: f64) -> Lifted {
     Lifted { argument: l + x.value.max(0.0) * r.value.max(0.0) + y.value, x, r, y }
 }
 
+/// Part of the splats in the backward pass: gradient by colours, colours, visibility, gradient by radiance.
+type BackwardChunk<'a> = (((&'a mut [[f32; 3]], &'a [[f32; 3]]), &'a [bool]), &'a [[f32; 3]]);
+
 impl LiftTables {
     /// Returns the radiance of a colour.
     pub(crate) fn radiance(&self, ldr: [f32; 3]) -> [f32; 3] {
@@ -114,7 +117,7 @@ impl LiftTables {
         let mut by_color = vec![[0.0; 3]; colors.len()];
         let zero = || self.0.each_ref().map(LineTable::sums);
         let chunks = by_color.par_chunks_mut(CHUNK).zip(colors.par_chunks(CHUNK)).zip(visible.par_chunks(CHUNK));
-        let of_chunk = |(((out, colors), visible), by_radiance): (((&mut [[f32; 3]], &[[f32; 3]]), &[bool]), &[[f32; 3]])| {
+        let of_chunk = |(((out, colors), visible), by_radiance): BackwardChunk<'_>| {
             let mut sums = zero();
             for (i, out) in out.iter_mut().enumerate().filter(|(i, _)| visible[*i]) {
                 for c in 0..3 {

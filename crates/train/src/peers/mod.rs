@@ -52,7 +52,7 @@ use crate::{TrainConfig, TrainError};
 pub(crate) enum SharedNetworks {
     HdrGs(ToneMappers),
     MonoHdrGs(MonoNetworks),
-    GaussHdr(GaussNetworks),
+    GaussHdr(Box<GaussNetworks>),
 }
 
 impl SharedNetworks {
@@ -60,7 +60,7 @@ impl SharedNetworks {
     pub(crate) fn new(config: &TrainConfig, dataset: &Dataset, splats: usize) -> Option<Self> {
         let exposures = || dataset.train.iter().flat_map(|view| &view.recordings).filter_map(exposure_of);
         match config.method {
-            Method::GaussHdr => Some(Self::GaussHdr(GaussNetworks::new(splats, config.seed))),
+            Method::GaussHdr => Some(Self::GaussHdr(Box::new(GaussNetworks::new(splats, config.seed)))),
             Method::MonoHdrGs => Some(Self::MonoHdrGs(MonoNetworks::new(config))),
             Method::HdrGs => Some(Self::HdrGs(ToneMappers::new(config.tone_width, exposures(), config.seed))),
             _ => None,

@@ -45,7 +45,7 @@ impl<const N: usize> SoftNetwork<N> {
     /// PyTorch's linear layers begin.
     pub(super) fn random(rng: &mut impl Rng) -> Self {
         let bound = |at: usize| if at % (N + 2) == N + 1 || at + 1 == Self::NUMBERS { UNITS as f32 } else { N as f32 }.sqrt().recip();
-        let numbers = (0..Self::NUMBERS).map(|at| bound(at)).map(|bound| rng.random_range(-bound..bound)).collect();
+        let numbers = (0..Self::NUMBERS).map(bound).map(|bound| rng.random_range(-bound..bound)).collect();
         Self { numbers }
     }
 
