@@ -96,7 +96,10 @@ impl Cycle {
     fn forward<S: Simd>(&self, simd: S, pixels: [f32x16<S>; 3], hidden: &mut Hidden) -> [f32x16<S>; HEADS] {
         let n = &self.numbers[..];
         let c = |at: usize| f32x16::splat(simd, n[at]);
-        let mut heads: [f32x16<S>; HEADS] = std::array::from_fn(|k| c(HEAD_BIASES + k));
+        let mut heads = [f32x16::splat(simd, 0.0); HEADS];
+        for (k, head) in heads.iter_mut().enumerate() {
+            *head = c(HEAD_BIASES + k);
+        }
         for (unit, hidden) in hidden.iter_mut().enumerate() {
             let mut z = c(BIASES + unit);
             for (channel, pixels) in pixels.iter().enumerate() {
@@ -174,7 +177,10 @@ impl Cycle {
         for (((pixels, slopes), by_value), out) in blocks.zip(out.chunks_mut(LANES)) {
             let (pixels, slopes, by_value) = (rows(simd, pixels), rows(simd, slopes), rows(simd, by_value));
             self.forward(simd, pixels, &mut hidden);
-            let by_heads: [f32x16<S>; HEADS] = std::array::from_fn(|k| by_value[k % 3] * slopes[k]);
+            let mut by_heads = [f32x16::splat(simd, 0.0); HEADS];
+            for (k, by) in by_heads.iter_mut().enumerate() {
+                *by = by_value[k % 3] * slopes[k];
+            }
             let mut by_pixels = [zero; 3];
             for (unit, hidden) in hidden.iter().enumerate() {
                 let h = f32x16::load_array_ref(simd, hidden);

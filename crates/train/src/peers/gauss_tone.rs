@@ -157,11 +157,14 @@ impl GaussTone {
     fn apply_chunk<S: Simd>(&self, simd: S, items: &[Item], values: &mut [Values]) {
         for (items, values) in items.chunks(LANES).zip(values.chunks_mut(LANES)) {
             let item = load(simd, items);
-            let raw: [f32x16<S>; OUTPUTS] = std::array::from_fn(|k| match k {
-                0..3 => self.global[k].apply(simd, &[item[k]]),
-                3..6 => self.local[k - 3].apply(simd, &with_feature(&item, k - 3)),
-                _ => self.uncertainty.apply(simd, &with_feature(&item, k - 6)),
-            });
+            // Loops in place of closures, which would not be inlined.
+            let mut raw = [f32x16::splat(simd, 0.0); OUTPUTS];
+            for c in 0..3 {
+                let input = with_feature(&item, c);
+                raw[c] = self.global[c].apply(simd, &[item[c]]);
+                raw[3 + c] = self.local[c].apply(simd, &input);
+                raw[6 + c] = self.uncertainty.apply(simd, &input);
+            }
             store(raw, values);
             for value in values.iter_mut() {
                 let raw = *value;

@@ -96,7 +96,8 @@ fn lifted(table: &LineTable, l: f64) -> Lifted {
     Lifted { argument: l + x.value.max(0.0) * r.value.max(0.0) + y.value, x, r, y }
 }
 
-/// Part of the splats in the backward pass: gradient by colours, colours, visibility, gradient by radiance.
+/// Part of the splats in the backward pass: gradient by colours, colours, visibility, gradient by
+/// radiance.
 type BackwardChunk<'a> = (((&'a mut [[f32; 3]], &'a [[f32; 3]]), &'a [bool]), &'a [[f32; 3]]);
 
 impl LiftTables {
