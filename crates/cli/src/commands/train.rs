@@ -157,9 +157,12 @@ fn train_field(start: Start, lock: Option<RunLock>, launch: Launch<'_>, explicit
 
 /// Refuses what a radiance field's training does not do.
 fn check_field(args: &TrainArgs) -> Result<()> {
-    let mut refused = vec![("--profile", args.profile), ("--distributed", args.distributed.is_some())];
-    #[cfg(feature = "view")]
-    refused.push(("--view", args.view.is_some()));
+    let refused = [
+        ("--profile", args.profile),
+        ("--distributed", args.distributed.is_some()),
+        #[cfg(feature = "view")]
+        ("--view", args.view.is_some()),
+    ];
     match refused.into_iter().find(|(_, is_given)| *is_given) {
         Some((option, _)) => bail!("{option}: is for splats, and --method trains a radiance field; leave one of them out"),
         None => Ok(()),
