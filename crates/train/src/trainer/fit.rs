@@ -72,12 +72,26 @@ impl Trainer {
         let round = (step / self.schedule.densify_interval.max(1)) as usize;
         let aside = self.aside.get(round % self.aside.len().max(1)).cloned();
         let Some(aside) = aside.filter(|_| !self.schedule.is_recovering(step)) else { return Ok(room) };
-        let Some(lead_db) = self.lead_db(step, &aside)? else { return Ok(room) };
+        let Some(lead_db) = self.shared_lead_db(step, &aside)? else { return Ok(room) };
         let before = self.state.fit.unwrap_or(Fit { room: u32::try_from(limit).unwrap_or(u32::MAX), lead_db });
         let after = before.after(lead_db, self.engine.len(), most);
         tracing::debug!(step, lead_db, mean_lead_db = after.lead_db, room = after.room, "views kept aside");
         self.state.fit = Some(after);
         Ok(after.room as usize)
+    }
+
+    /// Returns the lead that the rank finds which has the images of all views, as only the rank of
+    /// the one slot does: on every rank the same.
+    fn shared_lead_db(&mut self, step: u32, aside: &Aside) -> Result<Option<f64>, TrainError> {
+        let has_images = self.own_slots().contains(&0);
+        let found = if has_images { self.lead_db(step, aside)? } else { None };
+        let message = found.map(|lead_db| [lead_db.to_bits() as u32, (lead_db.to_bits() >> 32) as u32]);
+        let messages = self.exchange.all_gather(message.as_ref().map_or(&[], |words| &words[..]))?;
+        let lead = |words: &Vec<u32>| match words[..] {
+            [low, high] => Some(f64::from_bits(u64::from(high) << 32 | u64::from(low))),
+            _ => None,
+        };
+        Ok(messages.iter().find_map(lead))
     }
 
     /// Returns by how many decibels the neighbours of a view kept aside are better than it.

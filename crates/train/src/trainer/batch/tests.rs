@@ -13,7 +13,7 @@ fn dataset() -> Dataset {
         let pixels = (0..32 * 24).map(|p| [0.1 + 0.02 * (p % 32) as f32, 0.3, 0.05 * ((p / 32 + i) % 7) as f32]).collect();
         view_of(&i.to_string(), camera_at([0.2 * i as f64, 0.0, -3.0], [32, 24]), Image::from_pixels(32, 24, pixels).unwrap())
     };
-    let mut dataset = dataset_of((0..7).map(view).collect());
+    let mut dataset = dataset_of((0..13).map(view).collect());
     let point = |i: u64| {
         let position = luxel_core::random::standard_normal(3, i).map(|v| 0.6 * v);
         Point { position, rgb8: None, observations: Vec::new() }
@@ -134,8 +134,8 @@ fn ranks_with_different_scenes_are_an_error() {
 
 #[test]
 fn a_batch_larger_than_the_data_set_is_refused() {
-    let error = Trainer::new(&dataset(), config(8), engine()).err().unwrap();
-    assert_eq!(error.to_string(), "batch: found 8, expected at most 7, the number of training views");
+    let error = Trainer::new(&dataset(), config(14), engine()).err().unwrap();
+    assert_eq!(error.to_string(), "batch: found 14, expected at most 13, the number of training views");
 }
 
 #[test]
