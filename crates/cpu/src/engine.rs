@@ -17,7 +17,8 @@ use std::sync::Arc;
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{
-    DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, MomentFormat, SparseGradients, StepConfig,
+    ChannelSource, ChannelStep, DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, MomentFormat, SparseGradients,
+    StepConfig, check_channels,
 };
 use luxel_core::{Camera, Engine, EngineError, Image, Layers, Moments, PassTime, Remedy, RenderOptions, Splats, StepReport, View};
 
@@ -158,6 +159,25 @@ fn checked_view(view: &View, step: &StepConfig, lenses: &mut Lenses) -> Result<S
     Ok(ScreenCamera { dropout: step.dropout, ..checked_camera(&view.camera, &step.render, lenses)? })
 }
 
+/// Returns the camera of a method's step or image, after checking both.
+fn channel_camera(
+    camera: &Camera,
+    source: &dyn ChannelSource,
+    options: &RenderOptions,
+    lenses: &mut Lenses,
+) -> Result<ScreenCamera, EngineError> {
+    check_channels(source, &options.raster.cutoffs)?;
+    if !camera.projection.is_pinhole() || options.raster.samples > 1 {
+        let message = format!(
+            "channels: expected a pinhole camera and 1 sample a pixel, found a camera of projection {} and {} samples a side",
+            camera.projection.name(),
+            options.raster.samples
+        );
+        return Err(EngineError::invalid(message));
+    }
+    checked_camera(camera, options, lenses)
+}
+
 impl Engine for CpuEngine {
     fn load(&mut self, splats: &Splats, moments: Option<&Moments>) -> Result<(), EngineError> {
         splats.validate()?;
@@ -205,6 +225,34 @@ impl Engine for CpuEngine {
         self.state.check_trainable()?;
         let camera = checked_view(view, step, &mut self.lenses)?;
         Ok(self.pool.install(|| self.state.train_step(&camera, view, step)))
+    }
+
+    fn train_channels(&mut self, camera: &Camera, method: &mut dyn ChannelStep, step: &StepConfig) -> Result<StepReport, EngineError> {
+        self.state.check_trainable()?;
+        let camera = channel_camera(camera, method, &step.render, &mut self.lenses)?;
+        let camera = ScreenCamera { dropout: step.dropout, ..camera };
+        Ok(self.pool.install(|| self.state.train_channels(&camera, method, step)))
+    }
+
+    fn channel_gradients(
+        &mut self,
+        camera: &Camera,
+        method: &mut dyn ChannelStep,
+        step: &StepConfig,
+    ) -> Result<(StepReport, SparseGradients), EngineError> {
+        let camera = channel_camera(camera, method, &step.render, &mut self.lenses)?;
+        let camera = ScreenCamera { dropout: step.dropout, ..camera };
+        Ok(self.pool.install(|| self.state.channel_gradients(&camera, method, step)))
+    }
+
+    fn render_channels(
+        &mut self,
+        camera: &Camera,
+        channels: &mut dyn ChannelSource,
+        options: &RenderOptions,
+    ) -> Result<Vec<f32>, EngineError> {
+        let camera = channel_camera(camera, channels, options, &mut self.lenses)?;
+        Ok(self.pool.install(|| self.state.render_channels(&camera, channels)))
     }
 
     fn camera_gradient(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {

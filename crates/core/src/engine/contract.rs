@@ -4,8 +4,8 @@
 //! radiance are in normalised units.
 
 use super::{
-    DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, Layers, MomentFormat, PassTime, RenderOptions,
-    SparseGradients, StepConfig, StepReport,
+    ChannelSource, ChannelStep, DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, Layers, MomentFormat,
+    PassTime, RenderOptions, SparseGradients, StepConfig, StepReport,
 };
 use crate::edit::Contributions;
 use crate::{Camera, Image, Moments, Remedy, Splats, View};
@@ -73,6 +73,10 @@ impl EngineError {
             Self::Camera(_) | Self::Splats(_) => None,
         }
     }
+}
+
+fn no_channels() -> EngineError {
+    EngineError::invalid("this engine blends no channels but radiance").with_remedy(Remedy::set("device", "cpu"))
 }
 
 /// A renderer and trainer of splats: blocking, object-safe, coarse.
@@ -150,6 +154,44 @@ pub trait Engine: Send {
     ///
     /// [`Target::scale`]: crate::Target::scale
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError>;
+
+    /// Runs one training step of a method that owns channels and loss, seen by a pinhole with one
+    /// sample a pixel. If the loss is not finite, nothing is updated.
+    ///
+    /// # Errors
+    /// [`EngineError::Camera`]; [`EngineError::Invalid`] for other cameras, cut-offs that depend on
+    /// radiance, too few channels, and from an engine without such steps.
+    fn train_channels(&mut self, _camera: &Camera, _method: &mut dyn ChannelStep, _step: &StepConfig) -> Result<StepReport, EngineError> {
+        Err(no_channels())
+    }
+
+    /// Computes the gradients of [`Engine::train_channels`] without its update. The scene and its
+    /// statistics stay as they are: the statistics that the step collects are in the result.
+    ///
+    /// # Errors
+    /// Those of [`Engine::train_channels`].
+    fn channel_gradients(
+        &mut self,
+        _camera: &Camera,
+        _method: &mut dyn ChannelStep,
+        _step: &StepConfig,
+    ) -> Result<(StepReport, SparseGradients), EngineError> {
+        Err(no_channels())
+    }
+
+    /// Renders channels instead of radiance, `[K, H, W]`, over `options.background` in the first
+    /// three and over 0 in the others.
+    ///
+    /// # Errors
+    /// Those of [`Engine::train_channels`].
+    fn render_channels(
+        &mut self,
+        _camera: &Camera,
+        _channels: &mut dyn ChannelSource,
+        _options: &RenderOptions,
+    ) -> Result<Vec<f32>, EngineError> {
+        Err(no_channels())
+    }
 
     /// Runs one step's forward and backward passes without its update, and reports the gradient by
     /// the camera in [`StepReport::camera`], whatever the step asks for. The scene and its

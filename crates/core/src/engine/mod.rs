@@ -5,6 +5,7 @@
 //! programs use together with an engine are also at the root of the crate.
 
 mod camera_gradient;
+mod channels;
 mod contract;
 mod deep;
 mod densify;
@@ -19,6 +20,7 @@ mod sparse_gradients;
 mod step;
 
 pub use camera_gradient::{CAMERA_SUMS, CameraGradient, CameraGradientChoice, CameraSums};
+pub use channels::{ChannelLoss, ChannelRoles, ChannelSource, ChannelStep, LEAST_CHANNELS, MeasuredChannels, SeenSplats, check_channels};
 pub use contract::{Engine, EngineError};
 pub use deep::{DeepImage, DeepSample, merge_samples};
 pub use densify::{DensifyPlan, DensifyStats, Geometry, PlanRow};

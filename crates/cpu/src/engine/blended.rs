@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use fearless_simd::{Level, Simd};
-use luxel_core::engine::{AbsoluteMeans, BlendGradient, BlendedPixels, BlendedSplats, Channels, PixelGradient, check_len};
+use luxel_core::engine::{
+    AbsoluteMeans, BlendGradient, BlendedPixels, BlendedSplats, ChannelRoles, Channels, MeasuredChannels, PixelGradient, check_len,
+};
 use luxel_core::{EngineError, Real, each};
 use rayon::prelude::*;
 
@@ -12,6 +14,7 @@ use crate::lanes::{LANES, Lanes, V, with_simd};
 use crate::passes::bin::ScreenSplats;
 use crate::passes::blend::{self, EntrySums, blend_backward, blend_tiles, to_channels};
 use crate::passes::ellipse_backward::{EllipseGradient, moments_backward};
+use crate::passes::more_channels_backward::padded;
 use crate::passes::project::SQRT_HALF_LOG2_E;
 use crate::passes::project_backward::BlockSums;
 use crate::passes::rasterize_backward::AbsoluteSums;
@@ -117,7 +120,8 @@ impl Blended {
                 out.background.extend(pixels.by_background(&camera, &blended.tiles, self.count));
             }
             let inputs = tile_inputs(screens, view, &camera, &channels);
-            let blended = blend::Blended { records, tiles: &blended.tiles, gradient: pixels, absolute };
+            let roles = ChannelRoles { shaping: self.count, measured: MeasuredChannels::All };
+            let blended = blend::Blended { records, tiles: &blended.tiles, gradient: pixels, absolute, roles };
             blend_backward(&inputs, &channels, blended, entries);
             self.gather(view, n, entries, absolute == AbsoluteSums::Collect, &mut out);
         }
@@ -240,7 +244,7 @@ impl Gather<'_> {
             let entries = self.splats.bins.entries(start + first, LANES.min(len - first));
             for (entries, channels) in entries.zip(channels.chunks_mut(self.count)) {
                 for entry in entries {
-                    let parts = &self.entries.more[*entry as usize * more..];
+                    let parts = &self.entries.more[*entry as usize * padded(more)..];
                     channels[FIRST..].iter_mut().zip(parts).for_each(|(sum, part)| *sum += part);
                 }
             }

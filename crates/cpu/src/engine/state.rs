@@ -2,16 +2,19 @@
 //! rayon pool in which it is called.
 
 mod batch;
+mod channels;
 
 use std::time::Duration;
 
 use fearless_simd::Level;
 use luxel_core::engine::{
-    CameraGradient, CameraGradientChoice, DensifyPlan, DensifyStats, Geometry, MomentFormat, ParameterRows, StatsCollection, StepConfig,
+    CameraGradient, CameraGradientChoice, DensifyPlan, DensifyStats, Geometry, MeasuredChannels, MomentFormat, ParameterRows,
+    StatsCollection, StepConfig,
 };
 use luxel_core::{EngineError, Moments, Pass, PassTime, Splats, StepReport, View};
 use rayon::prelude::*;
 
+use self::channels::ChannelFrame;
 use super::clock::{Clock, Timings};
 use crate::lanes::{LANES, Lanes};
 use crate::memory::Buffer;
@@ -57,6 +60,9 @@ pub(super) struct State {
 struct Update {
     camera: ScreenCamera,
     step: StepConfig,
+    /// Channels that statistics are of, if channels were blended; their gradients are then in
+    /// [`ChannelFrame`].
+    channels: Option<MeasuredChannels>,
 }
 
 /// Memory for records of tiles, unless another is set, bytes.
@@ -76,6 +82,7 @@ pub(super) struct Frame {
     /// With supersampling, the gradient by the samples' radiance.
     sample_gradient: Vec<BlockGradient>,
     entries: Vec<EntryGradient>,
+    channels: ChannelFrame,
     scratch: Scratch,
 }
 
@@ -90,6 +97,7 @@ impl Frame {
             loss: LossBuffers::default(),
             sample_gradient: Vec::new(),
             entries: Vec::new(),
+            channels: ChannelFrame::default(),
             scratch: Scratch::default(),
         }
     }
@@ -98,9 +106,11 @@ impl Frame {
     fn release_idle(&mut self) {
         let gradients = [&self.loss.gradient, &self.sample_gradient].map(|gradient| gradient.capacity() * size_of::<BlockGradient>());
         let entries = self.entries.capacity() * size_of::<EntryGradient>();
+        let entries = entries + self.channels.bytes();
         if self.records.kept_bytes() + entries + gradients.iter().sum::<usize>() > IDLE_BYTES {
             self.records.release();
             self.entries = Vec::new();
+            self.channels = ChannelFrame::default();
             self.loss = LossBuffers::default();
             self.sample_gradient = Vec::new();
         }
@@ -203,13 +213,19 @@ impl State {
     }
 
     /// Applies a step's gradients, and projects the splats for the next view, if it is known.
-    fn update(&mut self, Update { camera, step }: &Update, next: Option<&ScreenCamera>) {
+    fn update(&mut self, Update { camera, step, channels }: &Update, next: Option<&ScreenCamera>) {
         let Self { level, parameters, moments, smoothing, stats, frame, timings, .. } = self;
-        let Frame { bins, entries, scratch, footprints, .. } = frame;
+        let Frame { bins, entries, scratch, footprints, channels: of_channels, .. } = frame;
         let mut clock = Clock::new(timings);
         resize_for(parameters, footprints);
         let next = next.map(|camera| NextView { camera, footprints });
-        let inputs = Inputs::new(parameters, smoothing, bins, entries, &step.loss);
+        let inputs = match channels {
+            None => Inputs::new(parameters, smoothing, bins, entries, &step.loss),
+            Some(measured) => {
+                let ChannelFrame { sums, by_radiance, .. } = of_channels;
+                Inputs::new(parameters, smoothing, bins, &sums.entries, &step.loss).with_radiance(by_radiance, *measured)
+            }
+        };
         let optimizer = Optimizer { parameters, moments };
         let [backward, adam, project] = backward_and_adam(*level, camera, &inputs, optimizer, step, UpdateBuffers { stats, scratch, next });
         clock.lap_shared(&[
@@ -298,7 +314,7 @@ impl State {
         if step.stats == StatsCollection::Off {
             self.spare.resize(0);
         }
-        self.pending = Some(Update { camera: camera.clone(), step: *step });
+        self.pending = Some(Update { camera: camera.clone(), step: *step, channels: None });
         report
     }
 

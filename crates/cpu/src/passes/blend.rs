@@ -6,10 +6,11 @@
 //! filled up with zeros.
 
 use luxel_core::each;
+use luxel_core::engine::{ChannelRoles, MeasuredChannels};
 use rayon::prelude::*;
 
 use super::more_channels::BlendChannels;
-use super::more_channels_backward::DifferentiateChannels;
+use super::more_channels_backward::{DifferentiateChannels, FirstThree, padded};
 use super::rasterize::{TilePixels, rasterize, rasterize_more};
 use super::rasterize_backward::{
     AbsoluteSums, BlockGradient, TileBackward, block_in_image, differentiate_more, differentiate_tile, resize,
@@ -27,7 +28,7 @@ pub(crate) struct ChannelPixels {
     /// The first three channels, and the transmittance.
     pub(crate) tiles: Vec<TilePixels>,
     /// The others, `[tiles, blocks, E]`.
-    more: Vec<Lanes>,
+    pub(super) more: Vec<Lanes>,
 }
 
 /// Sorts and blends all tiles, and keeps their records.
@@ -94,11 +95,11 @@ pub(crate) fn to_channels(pixels: &ChannelPixels, camera: &ScreenCamera, count: 
 /// The gradient by the pixels, block by block, row by row of blocks over whole tiles.
 #[derive(Default)]
 pub(crate) struct ChannelGradient {
-    first: Vec<BlockGradient>,
+    pub(super) first: Vec<BlockGradient>,
     /// `[blocks, E]`.
-    more: Vec<Lanes>,
+    pub(super) more: Vec<Lanes>,
     /// Empty if there is none.
-    alpha: Vec<Lanes>,
+    pub(super) alpha: Vec<Lanes>,
 }
 
 impl ChannelGradient {
@@ -170,7 +171,7 @@ const _: () = assert!(BLOCK * BLOCK == LANES);
 #[derive(Default)]
 pub(crate) struct EntrySums {
     pub(crate) entries: Vec<EntryGradient>,
-    /// Gradients by the other channels, `[entries, E]`.
+    /// Gradients by the other channels, `[entries, E]` with E rounded up by [`padded`].
     pub(crate) more: Vec<f32>,
 }
 
@@ -181,17 +182,18 @@ pub(crate) struct Blended<'a> {
     pub(crate) tiles: &'a [TilePixels],
     pub(crate) gradient: &'a ChannelGradient,
     pub(crate) absolute: AbsoluteSums,
+    pub(crate) roles: ChannelRoles,
 }
 
 /// Differentiates all tiles.
 pub(crate) fn blend_backward(
     inputs: &TileInputs<'_>,
     channels: &SplatChannels<'_>,
-    Blended { records, tiles, gradient, absolute }: Blended<'_>,
+    Blended { records, tiles, gradient, absolute, roles }: Blended<'_>,
     out: &mut EntrySums,
 ) {
     let bins = inputs.splats.bins;
-    let (across, width) = (inputs.camera.tiles()[0], channels.more());
+    let (across, width) = (inputs.camera.tiles()[0], padded(channels.more()));
     resize(&mut out.entries, bins.len());
     resize(&mut out.more, bins.len() * width);
     let background = channels.more_background();
@@ -214,16 +216,43 @@ pub(crate) fn blend_backward(
         records.read(inputs, tile, |record| {
             let mut colors = Vec::new();
             channels.collect_more(bins, tile, &record.list.entries, &mut colors);
-            let mut more = DifferentiateChannels {
-                colors: &colors,
-                background: &background,
-                gradient: &gradient.more,
-                alpha: &gradient.alpha,
-                blocks: &blocks,
-                block: 0,
-                sums: more,
-            };
-            differentiate_more(inputs, record, &work, out, &mut more);
+            let parts = MoreParts { colors: &colors, background: &background, gradient, blocks: &blocks };
+            match roles.measured {
+                MeasuredChannels::All => differentiate_more(inputs, record, &work, out, &mut parts.differentiate::<false>(roles, more)),
+                MeasuredChannels::FirstThree => {
+                    differentiate_more(inputs, record, &work, out, &mut parts.differentiate::<true>(roles, more))
+                }
+            }
         });
     });
+}
+
+/// The parts of a tile's [`DifferentiateChannels`].
+#[derive(Clone, Copy)]
+struct MoreParts<'a> {
+    colors: &'a [f32],
+    background: &'a [f32],
+    gradient: &'a ChannelGradient,
+    blocks: &'a [usize; BLOCKS],
+}
+
+impl<'a> MoreParts<'a> {
+    fn differentiate<const MEASURES_FIRST: bool>(
+        self,
+        roles: ChannelRoles,
+        sums: &'a mut [f32],
+    ) -> DifferentiateChannels<'a, MEASURES_FIRST> {
+        let Self { colors, background, gradient, blocks } = self;
+        DifferentiateChannels {
+            colors,
+            background,
+            gradient: &gradient.more,
+            alpha: &gradient.alpha,
+            blocks,
+            block: 0,
+            shaping: roles.shaping.saturating_sub(FIRST).min(background.len()),
+            first: FirstThree::ZERO,
+            sums,
+        }
+    }
 }

@@ -29,16 +29,22 @@ pub(crate) fn moments_backward<S: Simd>(root: [V<S>; 3], [_, gu, gv, guu, guv, g
     // the first moments, and the gradient by the covariance is half of M^T times the second moments
     // times M. The rasteriser's (u, v) are M's times a constant.
     let unit = 1.0 / (SQRT_HALF_LOG2_E * SQRT_HALF_LOG2_E);
-    let (gu, gv) = (*gu * (1.0 / SQRT_HALF_LOG2_E), *gv * (1.0 / SQRT_HALF_LOG2_E));
-    let d_mean = [root[0] * gu, root[1].mul_add(gu, root[2] * gv)];
+    let d_mean = mean_backward(root, [*gu, *gv]);
     let moments = [*guu * unit, *guv * unit, *gvv * unit];
-    let half = gu.lift(0.5);
+    let half = guu.lift(0.5);
     let by_root =
         [moments[0] * root[0], moments[0].mul_add(root[1], moments[1] * root[2]), moments[1].mul_add(root[1], moments[2] * root[2])];
     let d_xx = half * by_root[0] * root[0];
     let d_xy = root[0] * by_root[1];
     let d_yy = half * root[1].mul_add(by_root[1], root[2] * by_root[2]);
     EllipseGradient { d_mean, d_covariance: [d_xx, d_xy, d_yy] }
+}
+
+/// Returns the gradient by the centre from the sums over pixels of g u and g v.
+#[inline(always)]
+pub(crate) fn mean_backward<S: Simd>(root: [V<S>; 3], [gu, gv]: [V<S>; 2]) -> [V<S>; 2] {
+    let (gu, gv) = (gu * (1.0 / SQRT_HALF_LOG2_E), gv * (1.0 / SQRT_HALF_LOG2_E));
+    [root[0] * gu, root[1].mul_add(gu, root[2] * gv)]
 }
 
 /// Adds the gradient through the opacity compensation to that by the dilated covariance.

@@ -19,6 +19,7 @@ pub(crate) mod bin;
 pub(crate) mod blend;
 pub(crate) mod camera_backward;
 pub(crate) mod changes;
+pub(crate) mod channel_planes;
 pub(crate) mod color;
 pub(crate) mod color_backward;
 pub(crate) mod contribute;

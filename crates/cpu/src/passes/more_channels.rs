@@ -11,10 +11,12 @@ use crate::lanes::{Lanes, V};
 
 /// The work of `rasterize` on other channels.
 pub(crate) trait BlendMore {
+    /// Whether there is any.
+    const IS_SOME: bool;
     /// Begins a block of the tile.
     fn begin_block(&mut self, block: usize);
-    /// Blends the tile's entry with these weights.
-    fn blend<S: Simd>(&mut self, simd: S, weight: V<S>, entry: usize);
+    /// Blends some of the tile's entries, front to back, with these weights.
+    fn blend<S: Simd>(&mut self, simd: S, weights: &[Lanes], entries: &[u32]);
     /// Adds the background.
     fn end_block<S: Simd>(&mut self, simd: S, transmittance: V<S>);
 }
@@ -23,11 +25,13 @@ pub(crate) trait BlendMore {
 pub(crate) struct NoMore;
 
 impl BlendMore for NoMore {
+    const IS_SOME: bool = false;
+
     #[inline(always)]
     fn begin_block(&mut self, _: usize) {}
 
     #[inline(always)]
-    fn blend<S: Simd>(&mut self, _: S, _: V<S>, _: usize) {}
+    fn blend<S: Simd>(&mut self, _: S, _: &[Lanes], _: &[u32]) {}
 
     #[inline(always)]
     fn end_block<S: Simd>(&mut self, _: S, _: V<S>) {}
@@ -45,7 +49,34 @@ pub(crate) struct BlendChannels<'a> {
     pub(crate) first: usize,
 }
 
+/// Channels whose sums are in registers together.
+const TOGETHER: usize = 4;
+
+impl BlendChannels<'_> {
+    /// Blends `N` channels from `channel` on.
+    #[inline(always)]
+    fn blend_some<S: Simd, const N: usize>(&mut self, simd: S, channel: usize, weights: &[Lanes], entries: &[u32]) {
+        let count = self.background.len();
+        let pixels = &mut self.pixels[self.first + channel..][..N];
+        let mut sums = [V::splat(simd, 0.0); N];
+        for (sum, pixels) in sums.iter_mut().zip(&*pixels) {
+            *sum = V::load(simd, pixels);
+        }
+        for (weight, entry) in weights.iter().zip(entries) {
+            let (weight, colors) = (V::load(simd, weight), &self.colors[*entry as usize * count + channel..][..N]);
+            for (sum, color) in sums.iter_mut().zip(colors) {
+                *sum = weight.mul_add(V::splat(simd, *color), *sum);
+            }
+        }
+        for (sum, pixels) in sums.into_iter().zip(pixels) {
+            sum.store(pixels);
+        }
+    }
+}
+
 impl BlendMore for BlendChannels<'_> {
+    const IS_SOME: bool = true;
+
     #[inline(always)]
     fn begin_block(&mut self, block: usize) {
         let count = self.background.len();
@@ -54,11 +85,15 @@ impl BlendMore for BlendChannels<'_> {
     }
 
     #[inline(always)]
-    fn blend<S: Simd>(&mut self, simd: S, weight: V<S>, entry: usize) {
+    fn blend<S: Simd>(&mut self, simd: S, weights: &[Lanes], entries: &[u32]) {
         let count = self.background.len();
-        let colors = &self.colors[entry * count..][..count];
-        for (sum, color) in self.pixels[self.first..][..count].iter_mut().zip(colors) {
-            weight.mul_add(V::splat(simd, *color), V::load(simd, sum)).store(sum);
+        for channel in (0..count).step_by(TOGETHER) {
+            match count - channel {
+                1 => self.blend_some::<_, 1>(simd, channel, weights, entries),
+                2 => self.blend_some::<_, 2>(simd, channel, weights, entries),
+                3 => self.blend_some::<_, 3>(simd, channel, weights, entries),
+                _ => self.blend_some::<_, TOGETHER>(simd, channel, weights, entries),
+            }
         }
     }
 

@@ -12,12 +12,13 @@ use std::ops::Range;
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4};
-use luxel_core::engine::ParameterRows;
+use luxel_core::engine::{MeasuredChannels, ParameterRows};
 use luxel_core::{LossWeights, Real, each};
 
+use super::activated::fill_rows;
 use super::bin::Bins;
 use super::color_backward::color_backward;
-use super::ellipse_backward::{EllipseGradient, ShapeGradient, compensation_backward, moments_backward, shape_backward};
+use super::ellipse_backward::{EllipseGradient, ShapeGradient, compensation_backward, mean_backward, moments_backward, shape_backward};
 use super::encoding::Logarithmic;
 use super::project::{Projection, SQRT_HALF_LOG2_E};
 use super::project_backward_rays::{self, PlaneGradient, dilation_backward};
@@ -35,12 +36,30 @@ pub(crate) struct Inputs<'a> {
     /// Gradients of the entries of all tiles, in the order of the bins.
     pub(crate) entries: &'a [EntryGradient],
     pub(crate) loss: &'a LossWeights,
+    /// Gradients by the splats' radiance, `[N]`, where channels were blended in its place.
+    pub(crate) by_radiance: Option<&'a [[f32; 3]]>,
+    /// Channels that statistics are of.
+    pub(crate) measured: MeasuredChannels,
 }
 
 impl<'a> Inputs<'a> {
     /// Collects the inputs for the splats of `store`, which is not borrowed and can be updated.
     pub(crate) fn new(store: &Store, smoothing: &'a [Lanes], bins: &'a Bins, entries: &'a [EntryGradient], loss: &'a LossWeights) -> Self {
-        Self { shape: store.shape(), smoothing, bins, entries, loss }
+        Self { shape: store.shape(), smoothing, bins, entries, loss, by_radiance: None, measured: MeasuredChannels::All }
+    }
+
+    /// Takes the gradient by radiance from `by_radiance`, `[N]`, in place of the entries.
+    pub(crate) fn with_radiance(self, by_radiance: &'a [[f32; 3]], measured: MeasuredChannels) -> Self {
+        Self { by_radiance: Some(by_radiance), measured, ..self }
+    }
+
+    /// Returns the gradients by radiance of a block's splats, if they are not those of the entries.
+    #[inline(always)]
+    fn radiance_rows(&self, block: usize) -> Option<[Lanes; 3]> {
+        let by_radiance = self.by_radiance?;
+        let mut rows = [Lanes::ZERO; 3];
+        fill_rows(&mut rows, &by_radiance[block * LANES..by_radiance.len().min((block + 1) * LANES)]);
+        Some(rows)
     }
 
     /// Reports whether every splat has a gradient, visible or not.
@@ -200,7 +219,11 @@ fn block_backward<S: Simd>(
     let c = |value: f32| V::splat(simd, value);
     let [d_log_alpha, _, _, _, _, _, dr, dg, db, abs_u, abs_y, ..] = *sums;
     let (p, facing) = project_again(simd, camera, inputs, Block { index, rows });
-    let mut d_position = color_backward(simd, camera, inputs.shape.layout, rows, [dr, dg, db], out);
+    let d_radiance = match inputs.radiance_rows(index) {
+        None => [dr, dg, db],
+        Some(rows) => each!([0, 1, 2] c => { let row = &rows[c]; V::load(simd, row) }),
+    };
+    let mut d_position = color_backward(simd, camera, inputs.shape.layout, rows, d_radiance, out);
 
     let root = p.inverse_root();
     let EllipseGradient { d_mean, mut d_covariance } = moments_backward(root, sums);
@@ -247,7 +270,12 @@ fn block_backward<S: Simd>(
         None => each!([0, 1] i => c(0.5 * camera.size_px[i] as f32)),
         Some(facing) => [facing.ndc_radian(camera.size_px); 2],
     };
-    let by_center = [d_mean, [root[0] * abs_u * (1.0 / SQRT_HALF_LOG2_E), abs_y * (1.0 / (SQRT_HALF_LOG2_E * SQRT_HALF_LOG2_E))]];
+    let by_center = match inputs.measured {
+        MeasuredChannels::All => {
+            [d_mean, [root[0] * abs_u * (1.0 / SQRT_HALF_LOG2_E), abs_y * (1.0 / (SQRT_HALF_LOG2_E * SQRT_HALF_LOG2_E))]]
+        }
+        MeasuredChannels::FirstThree => [mean_backward(root, [abs_u, abs_y]), [c(0.0); 2]],
+    };
     let norms = each!([0, 1] i => {
         let (x, y) = (by_center[i][0] * ndc[0], by_center[i][1] * ndc[1]);
         (x * x + y * y).sqrt().lanes()

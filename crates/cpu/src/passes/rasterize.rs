@@ -229,7 +229,7 @@ struct Blending<S: Simd, P: Pixels<S>> {
 /// Buffers for blending a block.
 struct BlendScratch {
     picks: Picks,
-    /// Alphas of the picks.
+    /// Alphas of the picks, then their weights if there are more channels.
     alphas: [Lanes; MOST_PICKS],
 }
 
@@ -301,9 +301,9 @@ fn blend<S: Simd, P: Pixels<S>, B: BlendMore, const RECORD_CHANGES: bool>(
         V::load(simd, alpha).exp2().min(state.max_alpha).store(alpha);
     }
     let mut changed = [0; MOST_PICKS];
-    for ((index, alpha), changed) in picks.iter().zip(alphas).zip(&mut changed) {
+    for ((index, share), changed) in picks.iter().zip(&mut *alphas).zip(&mut changed) {
         let entry = &entries[*index as usize];
-        let alpha = V::load(simd, alpha);
+        let alpha = V::load(simd, share);
         // Where the splat is below its threshold alpha is zero, so the pixel does not change.
         let left = (-alpha).mul_add(state.unstopped, state.unstopped);
         let live = left.ge(state.min_transmittance);
@@ -311,13 +311,16 @@ fn blend<S: Simd, P: Pixels<S>, B: BlendMore, const RECORD_CHANGES: bool>(
         for (sum, color) in state.radiance.iter_mut().zip(entry.radiance) {
             *sum = weight.mul_add(c(color), *sum);
         }
-        more.blend(simd, weight, *index as usize);
+        if B::IS_SOME {
+            weight.store(share);
+        }
         state.transmittance = V::select(live, left, state.transmittance);
         state.unstopped = left;
         if RECORD_CHANGES {
             *changed = weight.gt(c(0.0)).to_bitmask() as u16;
         }
     }
+    more.blend(simd, &alphas[..picks.len()], picks);
     if RECORD_CHANGES {
         changes.record(simd, picked, &changed);
     }

@@ -21,7 +21,7 @@ use rayon::prelude::*;
 
 use super::changes::BlockChanges;
 use super::more_channels::NoMore;
-use super::more_channels_backward::DifferentiateMore;
+use super::more_channels_backward::{DifferentiateMore, Unwound};
 use super::rasterize::{BlockPixels, Centers, Pixels, Rays, TilePixels};
 use super::sort::Entry;
 use super::sums::{EntryGradient, Staged, Summed, SummedSplats};
@@ -192,7 +192,7 @@ fn block_backward<S: Simd, P: Summed<S>, D: DifferentiateMore, const ABSOLUTE: b
         places: P::load(simd, camera, place),
         gradient: colors,
         transmittance,
-        behind: transmittance * more.by_transmittance(simd, background[0] + background[1] + background[2]),
+        behind: more.behind(simd, transmittance, background[0] + background[1] + background[2]),
         max_alpha,
         max_odds: odds(max_alpha),
     };
@@ -200,7 +200,7 @@ fn block_backward<S: Simd, P: Summed<S>, D: DifferentiateMore, const ABSOLUTE: b
         unwind(simd, &mut unwinding, entries, chunk, staged, more);
         let splats = SummedSplats { entries, picks: chunk.entries, block: place.index, colors: gradient };
         P::add_sums::<ABSOLUTE>(simd, &splats, staged, out);
-        more.add_sums(simd, &splats, staged);
+        more.add_sums(simd, &splats, staged, out);
     }
 }
 
@@ -218,7 +218,7 @@ fn unwind<S: Simd, P: Summed<S>>(
     entries: &[Entry],
     chunk: BlockChanges<'_>,
     staged: &mut Staged,
-    more: &impl DifferentiateMore,
+    more: &mut impl DifferentiateMore,
 ) {
     let c = |value: f32| V::splat(simd, value);
     for (i, (index, pixels)) in chunk.entries.iter().zip(chunk.pixels).enumerate().take(LANES) {
@@ -233,7 +233,7 @@ fn unwind<S: Simd, P: Summed<S>>(
         odds(V::load(simd, share).exp2().min(state.max_alpha)).store(share);
     }
     let gradient = state.gradient;
-    for ((index, share), weight) in chunk.entries.iter().zip(share).zip(weight).rev() {
+    for (i, ((index, share), weight)) in chunk.entries.iter().zip(share).zip(weight).enumerate().rev() {
         let entry = &entries[*index as usize];
         let odds = V::load(simd, share);
         let blended = odds * state.transmittance;
@@ -241,7 +241,9 @@ fn unwind<S: Simd, P: Summed<S>>(
         let shading = color[0].mul_add(gradient[0], color[1].mul_add(gradient[1], color[2] * gradient[2]));
         let radiance = blended * more.shade(simd, shading, *index as usize);
         let g = (-odds).mul_add(state.behind, radiance);
-        let g = V::select(odds.lt(state.max_odds), g, c(0.0));
+        let is_free = odds.lt(state.max_odds);
+        let g = V::select(is_free, g, c(0.0));
+        more.unwind(simd, i, Unwound { odds, blended, shading, is_free });
         state.transmittance = state.transmittance + blended;
         state.behind = state.behind + radiance;
         g.store(share);

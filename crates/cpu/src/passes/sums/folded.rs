@@ -7,7 +7,7 @@ use fearless_simd::{Simd, f32x4, f32x8, f64x2};
 use luxel_core::each;
 
 use super::{ENTRY_LEN, EntryGradient, SUMS, Staged, SummedSplats};
-use crate::lanes::{Lanes, V};
+use crate::lanes::{LANES, Lanes, V};
 
 /// The two halves of a vector. Sums over lanes begin by adding them, so later products take half a
 /// vector.
@@ -62,6 +62,25 @@ pub(super) fn add_folded<S: Simd, const ABSOLUTE: bool>(
         };
         let sums = [g.sum(), gu.sum(), gv.sum(), gu.dot(u), gu.dot(v), gv.dot(v), red, green, blue, absolute_x, absolute_y];
         add_halves(simd, sums, &mut out[entry.place as usize]);
+    }
+}
+
+/// Adds the sums of g u and g v to the place of absolute sums.
+#[inline(always)]
+pub(super) fn add_first_folded<S: Simd>(
+    simd: S,
+    &SummedSplats { entries, picks, .. }: &SummedSplats<'_>,
+    Staged { u, v, .. }: &Staged,
+    shares: &[Lanes; LANES],
+    out: &mut [EntryGradient],
+) {
+    let load = |lanes: &Lanes| Halves::new(V::load(simd, lanes));
+    let zero = f32x8::splat(simd, 0.0);
+    for (((index, u), v), share) in picks.iter().zip(u).zip(v).zip(shares) {
+        let (u, v, g) = (load(u), load(v), load(share));
+        let mut sums = [zero; SUMS];
+        [sums[SUMS - 2], sums[SUMS - 1]] = [g.times(u).sum(), g.times(v).sum()];
+        add_halves(simd, sums, &mut out[entries[*index as usize].place as usize]);
     }
 }
 

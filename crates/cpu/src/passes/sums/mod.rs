@@ -17,10 +17,10 @@ mod transposed;
 use bytemuck::{Pod, Zeroable};
 use fearless_simd::Simd;
 
-use folded::add_folded;
+use folded::{add_first_folded, add_folded};
 use of_rays::add_sums_of_rays;
-use transposed::add_transposed;
 pub(crate) use transposed::add_weighted;
+use transposed::{add_first_transposed, add_transposed};
 
 use super::rasterize::{Centers, Pixels, Rays, SplatAtPixels};
 use super::sort::Entry;
@@ -39,7 +39,8 @@ pub(crate) struct EntryGradient {
     pub(crate) second: [f32; 3],
     /// Gradient by the radiance.
     pub(crate) radiance: [f32; 3],
-    /// |g u|, |g (root[1] u + root[2] v)|: AbsGS.
+    /// |g u|, |g (root[1] u + root[2] v)|: AbsGS. Where channels are blended whose first three
+    /// statistics are of, g u and g v of these.
     pub(crate) absolute: [f32; 2],
     padding: f32,
 }
@@ -149,6 +150,22 @@ fn add_sums<S: Simd, const ABSOLUTE: bool>(simd: S, splats: &SummedSplats<'_>, s
         add_transposed::<_, ABSOLUTE>(simd, splats, staged, out);
     } else {
         add_folded::<_, ABSOLUTE>(simd, splats, staged, out);
+    }
+}
+
+/// Adds the sums of g u and g v, of another g than the staged one, to the place of absolute sums.
+#[inline(always)]
+pub(crate) fn add_first_moments<S: Simd>(
+    simd: S,
+    splats: &SummedSplats<'_>,
+    staged: &Staged,
+    shares: &[Lanes; LANES],
+    out: &mut [EntryGradient],
+) {
+    if is_one_register::<S>() {
+        add_first_transposed(simd, splats, staged, shares, out);
+    } else {
+        add_first_folded(simd, splats, staged, shares, out);
     }
 }
 
