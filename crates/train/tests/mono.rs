@@ -4,24 +4,19 @@
 
 mod common;
 
+use common::runs::{captured, check_resumed_and_threads, psnr, trained};
 use common::{config, dataset, engine};
-use luxel_core::{Dataset, Engine, Image, PixelValues, Snapshot, View};
-use luxel_cpu::CpuEngine;
+use luxel_core::{Dataset, Engine, Snapshot};
 use luxel_metrics::{GainFit, Measures, evaluate};
 use luxel_train::{HdrNormalisation, Method, TrainConfig, Trainer, lifted_engine, snapshot_scene};
 
 const EXPOSURE_S: f32 = 4.0;
 
-/// The room with a captured image of each training pose, of 8 bits.
+/// The room with a captured image of each training pose.
 fn pairs(exposure_s: impl Fn(usize) -> f32) -> Dataset {
     let mut data = dataset();
     for (i, view) in data.train.iter_mut().enumerate() {
-        let exposure_s = exposure_s(i);
-        let value = |v: f32| ((v * exposure_s / (v * exposure_s + 1.0)).powf(1.0 / 2.2) * 255.0).round() / 255.0;
-        let pixels = view.image.pixels.iter().map(|rgb| rgb.map(value)).collect();
-        let image = Image::from_pixels(view.image.width, view.image.height, pixels).unwrap().into();
-        let recording = View { name: format!("{}_0", view.name), image, values: PixelValues::Recorded { exposure_s }, ..view.clone() };
-        view.recordings = vec![recording];
+        view.recordings = vec![captured(view, 0, exposure_s(i))];
     }
     data
 }
@@ -30,39 +25,22 @@ fn base(iterations: u32) -> TrainConfig {
     TrainConfig { max_splats: Some(600), method: Method::MonoHdrGs, lift_lr: 5e-3, cycle_lr: 1e-3, ..config(iterations) }
 }
 
-fn run(trainer: &mut Trainer, steps: u32) {
-    for _ in 0..steps {
-        trainer.step().unwrap();
-    }
-}
-
-fn trained(data: &Dataset, config: TrainConfig, steps: u32) -> Trainer {
-    let mut trainer = Trainer::new(data, config, engine()).unwrap();
-    run(&mut trainer, steps);
-    trainer
-}
-
 fn psnr_in(engine: &mut dyn Engine, trainer: &Trainer, data: &Dataset, gain_fit: GainFit<'_>) -> f64 {
     let (options, scale, mu) = (trainer.render_options(), trainer.radiance_scale(), trainer.config().mu);
     let measures = Measures { gain_fit, ..Measures::new(scale, mu) };
     evaluate(engine, &options, &measures, &data.test, &mut |_, _, _| ()).unwrap().mean.psnr_scene
 }
 
-/// Returns the PSNR of the lifted scene as training renders it, as its snapshot does, and of the
-/// scene without the lift.
-fn psnr(trainer: &mut Trainer, data: &Dataset, gain_fit: GainFit<'_>) -> [f64; 3] {
+/// Returns the PSNR of the lifted scene as a resumed run renders it, as its snapshot does, and of
+/// the scene without the lift.
+fn psnr_thrice(trainer: &mut Trainer, data: &Dataset, gain_fit: GainFit<'_>) -> [f64; 3] {
     let snapshot: Snapshot = trainer.snapshot().unwrap();
     let mut again = lifted_engine(&snapshot, engine()).unwrap().unwrap();
     let mut folded = engine();
     let scene = trainer.scene().unwrap();
     assert_eq!((scene.splats.color_model.name().as_str(), snapshot.scene.splats.color_model.name().as_str()), ("logsh3", "sh3"));
     folded.load(&scene.splats, None).unwrap();
-    let mut own = Trainer::resume(data, snapshot, engine()).unwrap();
-    let of_own = {
-        let (options, scale, mu) = (own.render_options(), own.radiance_scale(), own.config().mu);
-        let measures = Measures { gain_fit, ..Measures::new(scale, mu) };
-        evaluate(own.engine(), &options, &measures, &data.test, &mut |_, _, _| ()).unwrap().mean.psnr_scene
-    };
+    let of_own = psnr(&mut Trainer::resume(data, snapshot, engine()).unwrap(), data, gain_fit);
     [of_own, psnr_in(&mut *again, trainer, data, gain_fit), psnr_in(&mut *folded, trainer, data, gain_fit)]
 }
 
@@ -70,7 +48,7 @@ fn psnr(trainer: &mut Trainer, data: &Dataset, gain_fit: GainFit<'_>) -> [f64; 3
 fn radiance_is_learned_from_captured_values_and_survives_without_the_lift() {
     let data = pairs(|_| EXPOSURE_S);
     let mut trainer = trained(&data, base(800), 800);
-    let [own, again, folded] = psnr(&mut trainer, &data, GainFit::None);
+    let [own, again, folded] = psnr_thrice(&mut trainer, &data, GainFit::None);
     println!("mono-hdr-gs {own:.2} dB, without the lift {folded:.2} dB");
     assert!(own > 18.0 && (folded - own).abs() < 1.0, "{own} {folded}");
     assert_eq!(own, again);
@@ -80,7 +58,7 @@ fn radiance_is_learned_from_captured_values_and_survives_without_the_lift() {
 fn by_the_own_maximum_one_gain_for_all_views_brings_the_scene_to_scale() {
     let data = pairs(|_| EXPOSURE_S);
     let mut own = trained(&data, TrainConfig { hdr_normalisation: HdrNormalisation::Own, ..base(400) }, 400);
-    let fitted = psnr(&mut own, &data, GainFit::Common)[0];
+    let fitted = psnr_thrice(&mut own, &data, GainFit::Common)[0];
     println!("after one gain {fitted:.2} dB");
     assert!(fitted > 17.0, "{fitted}");
 }
@@ -107,19 +85,7 @@ fn statistics_are_those_of_the_captured_image_and_its_radiance_without_weight_ch
 #[test]
 fn a_resumed_run_equals_an_unbroken_one_and_any_number_of_threads_one() {
     let data = pairs(|_| EXPOSURE_S);
-    let unbroken = trained(&data, base(50), 50).snapshot().unwrap();
-    let half = trained(&data, base(50), 23).snapshot().unwrap();
-    let mut resumed = Trainer::resume(&data, half, engine()).unwrap();
-    run(&mut resumed, 27);
-    let resumed = resumed.snapshot().unwrap();
-    assert!(resumed.scene == unbroken.scene && resumed.moments == unbroken.moments && resumed.state_json == unbroken.state_json);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
-    let threads = pool.install(|| {
-        let mut trainer = Trainer::new(&data, base(50), Box::new(CpuEngine::new(3).unwrap())).unwrap();
-        run(&mut trainer, 50);
-        trainer.snapshot().unwrap()
-    });
-    assert!(threads.scene == unbroken.scene && threads.state_json == unbroken.state_json);
+    let unbroken = check_resumed_and_threads(&data, &base(50));
     let folded = snapshot_scene(unbroken).unwrap();
     assert_eq!(folded.splats.color_model.name(), "logsh3");
     folded.splats.validate().unwrap();

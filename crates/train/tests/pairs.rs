@@ -5,29 +5,19 @@
 
 mod common;
 
+use common::runs::{captured, check_resumed_and_threads, psnr, response, trained};
 use common::{config, dataset, engine};
-use luxel_core::{Dataset, Image, PixelValues, Snapshot, View};
-use luxel_cpu::CpuEngine;
-use luxel_metrics::{GainFit, Measures, evaluate};
+use luxel_core::{Dataset, PixelValues, Snapshot, View};
+use luxel_metrics::GainFit;
 use luxel_train::{CutoffPreset, HdrNormalisation, Method, Strategy, TrainConfig, TrainError, Trainer};
 
 const EXPOSURES_S: [f32; 3] = [0.5, 4.0, 32.0];
 
-fn response(x: f32) -> f32 {
-    (x / (x + 1.0)).powf(1.0 / 2.2)
-}
-
-/// The room with three captured images of each training pose, of 8 bits.
+/// The room with three captured images of each training pose.
 fn pairs() -> Dataset {
     let mut data = dataset();
     for view in &mut data.train {
-        let recording = |(k, exposure_s): (usize, f32)| {
-            let value = |v: f32| (response(v * exposure_s) * 255.0).round() / 255.0;
-            let pixels = view.image.pixels.iter().map(|rgb| rgb.map(value)).collect();
-            let image = Image::from_pixels(view.image.width, view.image.height, pixels).unwrap().into();
-            View { name: format!("{}_{k}", view.name), image, values: PixelValues::Recorded { exposure_s }, ..view.clone() }
-        };
-        view.recordings = EXPOSURES_S.into_iter().enumerate().map(recording).collect();
+        view.recordings = EXPOSURES_S.into_iter().enumerate().map(|(k, exposure_s)| captured(view, k, exposure_s)).collect();
     }
     data
 }
@@ -36,26 +26,8 @@ fn base(iterations: u32) -> TrainConfig {
     TrainConfig { max_splats: Some(600), method: Method::HdrGs, ..config(iterations) }
 }
 
-fn run(trainer: &mut Trainer, steps: u32) {
-    for _ in 0..steps {
-        trainer.step().unwrap();
-    }
-}
-
-fn trained(data: &Dataset, config: TrainConfig, steps: u32) -> Trainer {
-    let mut trainer = Trainer::new(data, config, engine()).unwrap();
-    run(&mut trainer, steps);
-    trainer
-}
-
 fn snapshot(mut trainer: Trainer) -> Snapshot {
     trainer.snapshot().unwrap()
-}
-
-fn psnr(trainer: &mut Trainer, data: &Dataset, gain_fit: GainFit<'_>) -> f64 {
-    let (options, scale, mu) = (trainer.render_options(), trainer.radiance_scale(), trainer.config().mu);
-    let measures = Measures { gain_fit, ..Measures::new(scale, mu) };
-    evaluate(trainer.engine(), &options, &measures, &data.test, &mut |_, _, _| ()).unwrap().mean.psnr_scene
 }
 
 #[test]
@@ -154,20 +126,7 @@ fn statistics_are_those_of_the_captured_image() {
 
 #[test]
 fn a_resumed_run_equals_an_unbroken_one_and_any_number_of_threads_one() {
-    let data = pairs();
-    let unbroken = snapshot(trained(&data, base(50), 50));
-    let half = snapshot(trained(&data, base(50), 23));
-    let mut resumed = Trainer::resume(&data, half, engine()).unwrap();
-    run(&mut resumed, 27);
-    let resumed = resumed.snapshot().unwrap();
-    assert!(resumed.scene == unbroken.scene && resumed.moments == unbroken.moments && resumed.state_json == unbroken.state_json);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
-    let threads = pool.install(|| {
-        let mut trainer = Trainer::new(&data, base(50), Box::new(CpuEngine::new(3).unwrap())).unwrap();
-        run(&mut trainer, 50);
-        trainer.snapshot().unwrap()
-    });
-    assert!(threads.scene == unbroken.scene && threads.state_json == unbroken.state_json);
+    check_resumed_and_threads(&pairs(), &base(50));
 }
 
 #[test]

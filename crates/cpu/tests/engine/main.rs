@@ -9,6 +9,7 @@ mod batch;
 mod blend_reference;
 mod blending;
 mod camera;
+mod channels;
 mod contract;
 mod curves;
 mod deep;

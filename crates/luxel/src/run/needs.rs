@@ -21,6 +21,9 @@ const STEP_PIXEL_BYTES: u64 = 150;
 const TILE_PIXEL_BYTES: u64 = 320;
 /// Bytes per pixel that a step holds besides where images have vignetting.
 const VIGNETTED_PIXEL_BYTES: u64 = 16;
+/// Bytes per pixel that a step holds besides of a method that blends channels of its own: images,
+/// values of networks, and gradients by them.
+const CHANNEL_PIXEL_BYTES: u64 = 600;
 /// Bytes per pixel and sample that a render holds on a processor, and bytes per pixel that a
 /// measurement holds beside it. A render gives back what only steps need.
 const RENDER_PIXEL_BYTES: u64 = 70;
@@ -61,12 +64,15 @@ impl RunMemory {
     fn estimate(plan: &ImagePlan, train: &TrainConfig, is_on_gpu: bool, tile_bytes: u64) -> Self {
         let samples = if is_on_gpu { 0 } else { u64::from(train.samples).pow(2) };
         let step_samples = samples * train.crop.map_or(plan.largest_px, |side| plan.largest_px.min(u64::from(side).pow(2)));
-        let pixel_bytes = STEP_PIXEL_BYTES + if train.vignetting { VIGNETTED_PIXEL_BYTES } else { 0 };
+        let is_in_channels = train.method.has_own_steps();
+        let pixel_bytes = STEP_PIXEL_BYTES
+            + if train.vignetting { VIGNETTED_PIXEL_BYTES } else { 0 }
+            + if is_in_channels { CHANNEL_PIXEL_BYTES } else { 0 };
         let step = pixel_bytes * step_samples + tile_bytes.min(TILE_PIXEL_BYTES * step_samples);
         let measurement = (RENDER_PIXEL_BYTES * samples + MEASURED_PIXEL_BYTES) * plan.largest_px;
-        let gradients = match train.method.has_own_steps() {
-            // A copy of the splats, and gradients by parts and as a whole.
-            true => 3,
+        let gradients = match is_in_channels {
+            // Channels, features and values of networks, and gradients by them, fewer than that.
+            true => 2,
             // Those of each view, and their sum.
             false if train.batch > 1 => u64::from(train.batch) + 1,
             false => 0,

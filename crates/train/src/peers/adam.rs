@@ -3,6 +3,7 @@
 //! In: numbers, gradient, rate. Out: the numbers after a step, with the constants of the splats'
 //! own updates. Arithmetic is in f64, number by number.
 
+use fearless_simd::Level;
 use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON};
 use serde::{Deserialize, Serialize};
 
@@ -25,19 +26,13 @@ impl Adam {
     }
 
     /// Updates the numbers.
-    pub(crate) fn step(&mut self, numbers: &mut [f32], gradient: &[f64], rate: f64) {
+    pub(crate) fn step<G: Copy + Into<f64>>(&mut self, numbers: &mut [f32], gradient: &[G], rate: f64) {
         self.updates = self.updates.saturating_add(1);
         let (beta1, beta2) = (f64::from(ADAM_BETA1), f64::from(ADAM_BETA2));
         let power = |beta: f64| 1.0 - beta.powf(f64::from(self.updates));
-        let (correction1, correction2) = (power(beta1), power(beta2));
-        let moments = self.first.iter_mut().zip(&mut self.second);
-        for ((number, gradient), (first, second)) in numbers.iter_mut().zip(gradient).zip(moments) {
-            let m = beta1 * f64::from(*first) + (1.0 - beta1) * gradient;
-            let v = beta2 * f64::from(*second) + (1.0 - beta2) * gradient * gradient;
-            (*first, *second) = (m as f32, v as f32);
-            let step = rate * (m / correction1) / ((v / correction2).sqrt() + f64::from(ADAM_EPSILON));
-            *number = (f64::from(*number) - step) as f32;
-        }
+        let step = Step { rate, correction1: power(beta1), correction2: power(beta2) };
+        // Arithmetic is by elements: the same on every instruction set.
+        fearless_simd::dispatch!(Level::new(), _simd => step.apply(numbers, gradient, &mut self.first, &mut self.second));
     }
 
     /// Takes moments to new places: those of the given old ones, 0 where there is none.
@@ -53,6 +48,28 @@ impl Adam {
             return Ok(());
         }
         Err(TrainError::State(format!("moments of {count} shared numbers are missing or not finite")))
+    }
+}
+
+/// The constants of a step.
+struct Step {
+    rate: f64,
+    correction1: f64,
+    correction2: f64,
+}
+
+impl Step {
+    #[inline(always)]
+    fn apply<G: Copy + Into<f64>>(&self, numbers: &mut [f32], gradient: &[G], first: &mut [f32], second: &mut [f32]) {
+        let (beta1, beta2) = (f64::from(ADAM_BETA1), f64::from(ADAM_BETA2));
+        for (((number, gradient), first), second) in numbers.iter_mut().zip(gradient).zip(first).zip(second) {
+            let gradient: f64 = (*gradient).into();
+            let m = beta1 * f64::from(*first) + (1.0 - beta1) * gradient;
+            let v = beta2 * f64::from(*second) + (1.0 - beta2) * gradient * gradient;
+            (*first, *second) = (m as f32, v as f32);
+            let step = self.rate * (m / self.correction1) / ((v / self.correction2).sqrt() + f64::from(ADAM_EPSILON));
+            *number = (f64::from(*number) - step) as f32;
+        }
     }
 }
 

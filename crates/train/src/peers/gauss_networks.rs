@@ -10,7 +10,8 @@ use luxel_core::{Knots, RESPONSE_KNOTS};
 use serde::{Deserialize, Serialize};
 
 use super::adam::Adam;
-use super::gauss_tone::{FEATURES, GaussTone, INPUTS};
+use super::functions::LANES;
+use super::gauss_tone::{FEATURES, GaussTone, Items};
 use crate::TrainError;
 
 /// Exposure that black counts as in the response.
@@ -52,8 +53,7 @@ impl Features {
 
     /// Updates the features.
     pub(super) fn update(&mut self, gradient: &[f32], rate: f64) {
-        let gradient: Vec<f64> = gradient.iter().map(|g| f64::from(*g)).collect();
-        self.adam.step(&mut self.values, &gradient, rate);
+        self.adam.step(&mut self.values, gradient, rate);
     }
 
     /// Follows splats through densification.
@@ -80,9 +80,9 @@ impl GaussNetworks {
         self.features.adam.validate(expected)
     }
 
-    /// Returns the feature of a splat.
-    pub(super) fn feature(&self, i: usize) -> [f32; FEATURES] {
-        std::array::from_fn(|k| self.features.values[i * FEATURES + k])
+    /// Returns the features of all splats, `[N, 4]`.
+    pub(super) fn features(&self) -> &[f32] {
+        &self.features.values
     }
 
     /// Updates networks and features by a step's gradients.
@@ -98,17 +98,18 @@ impl GaussNetworks {
 
     /// Returns the values of the global networks as the response of a camera, which never falls.
     pub(crate) fn response(&self) -> Knots {
-        let items: Vec<_> = (0..RESPONSE_KNOTS)
-            .map(|k| {
-                let s = exposure_of_knot(k).max(DARKEST).ln() as f32;
-                std::array::from_fn::<f32, INPUTS, _>(|c| if c < 3 { s } else { 0.0 })
+        let s = |k: usize| exposure_of_knot(k.min(RESPONSE_KNOTS - 1)).max(DARKEST).ln() as f32;
+        let items: Vec<Items> = (0..RESPONSE_KNOTS.div_ceil(LANES))
+            .map(|n| {
+                let s = std::array::from_fn(|lane| s(n * LANES + lane));
+                std::array::from_fn(|row| if row < 3 { s } else { [0.0; LANES] })
             })
             .collect();
         let values = self.tone.apply(&items);
         [0, 1, 2].map(|c| {
             let mut highest = 0.0f32;
             std::array::from_fn(|k| {
-                highest = highest.max(values[k][c]);
+                highest = highest.max(values[k / LANES][c][k % LANES]);
                 highest
             })
         })
@@ -127,13 +128,14 @@ mod tests {
         let split = PlanRow { keep_moments: false, ..PlanRow::keep(0) };
         networks.densify(&[PlanRow::keep(2), split, split]);
         networks.validate(3).unwrap();
-        assert_eq!([0, 1, 2].map(|i| networks.feature(i)), [2, 0, 0].map(|i| before.feature(i)));
+        let feature = |of: &GaussNetworks, i: usize| of.features()[i * FEATURES..(i + 1) * FEATURES].to_vec();
+        assert_eq!([0, 1, 2].map(|i| feature(&networks, i)), [2, 0, 0].map(|i| feature(&before, i)));
         assert!(networks.validate(4).is_err());
         // Moments begin anew for the two that were split.
         let (mut again, zero) = (networks.clone(), vec![0.0; 12]);
         again.features.update(&zero, 0.1);
-        assert_ne!(again.feature(0), networks.feature(0));
-        assert_eq!([again.feature(1), again.feature(2)], [networks.feature(1), networks.feature(2)]);
+        assert_ne!(feature(&again, 0), feature(&networks, 0));
+        assert_eq!([1, 2].map(|i| feature(&again, i)), [1, 2].map(|i| feature(&networks, i)));
         let json = serde_json::to_string(&networks).unwrap();
         assert_eq!(serde_json::from_str::<GaussNetworks>(&json).unwrap(), networks);
     }

@@ -3,21 +3,17 @@
 //! In: LDR colours l >= 0. Out: radiance x_c = softplus(l_c + max(X, 0) max(R, 0) + Y), where X, R
 //! and Y are the outputs of one [`ReluLine`] of the channel at l_c. The gradient by the colours and
 //! by the networks' numbers is exact.
-//!
-//! Splats are taken in chunks of constant size, and their sums are added in order: the same bits
-//! for any number of threads.
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::adam::Adam;
+use super::color_map::{ColorMap, LinePlace};
+use super::functions::{Sigmoid, Softplus, map_all};
 use super::relu_line::{LineSums, LineTable, LineValue, ReluLine};
 use crate::TrainError;
 
-/// Splats of a chunk.
-const CHUNK: usize = 2048;
 /// Outputs of a network.
 const OUTPUTS: usize = 3;
 /// Constant that separates the random stream of the networks from others of the same seed.
@@ -34,13 +30,6 @@ pub(crate) struct Lift {
 /// The networks at one step.
 #[derive(Clone, Debug)]
 pub(crate) struct LiftTables([LineTable; 3]);
-
-/// The gradients of a step.
-pub(crate) struct LiftGradient {
-    /// By the colours.
-    pub(crate) by_color: Vec<[f32; 3]>,
-    sums: [LineSums; 3],
-}
 
 /// The lift of one value: the argument of the softplus, and its parts.
 struct Lifted {
@@ -64,10 +53,21 @@ impl Lift {
         LiftTables(self.lines.each_ref().map(ReluLine::table))
     }
 
+    /// Returns the numbers of the networks.
+    #[cfg(test)]
+    pub(super) fn numbers(&self) -> [&[f32]; 3] {
+        self.lines.each_ref().map(ReluLine::numbers)
+    }
+
+    /// Returns the gradient by the networks' numbers.
+    pub(crate) fn gradient(&self, tables: &LiftTables, sums: &[LineSums; 3]) -> [Vec<f64>; 3] {
+        [0, 1, 2].map(|c| self.lines[c].gradient(&tables.0[c], &sums[c]))
+    }
+
     /// Updates the networks by a step's gradient.
-    pub(crate) fn update(&mut self, tables: &LiftTables, gradient: &LiftGradient, rate: f64) {
-        for (c, (line, adam)) in self.lines.iter_mut().zip(&mut self.adam).enumerate() {
-            let by_numbers = line.gradient(&tables.0[c], &gradient.sums[c]);
+    pub(crate) fn update(&mut self, tables: &LiftTables, sums: &[LineSums; 3], rate: f64) {
+        let gradient = self.gradient(tables, sums);
+        for ((line, adam), by_numbers) in self.lines.iter_mut().zip(&mut self.adam).zip(gradient) {
             adam.step(line.numbers_mut(), &by_numbers, rate);
         }
     }
@@ -82,96 +82,91 @@ impl Lift {
     }
 }
 
-fn softplus(z: f64) -> f64 {
-    z.max(0.0) + (-z.abs()).exp().ln_1p()
-}
-
-fn sigmoid(z: f64) -> f64 {
-    1.0 / (1.0 + (-z).exp())
-}
-
-fn lifted(table: &LineTable, l: f64) -> Lifted {
-    let piece = table.piece(l);
+#[inline]
+fn lifted(table: &LineTable, piece: usize, l: f64) -> Lifted {
     let [x, r, y] = [0, 1, 2].map(|output| table.value(output, piece, l));
     Lifted { argument: l + x.value.max(0.0) * r.value.max(0.0) + y.value, x, r, y }
 }
 
-/// Part of the splats in the backward pass: gradient by colours, colours, visibility, gradient by
-/// radiance.
-type BackwardChunk<'a> = (((&'a mut [[f32; 3]], &'a [[f32; 3]]), &'a [bool]), &'a [[f32; 3]]);
-
 impl LiftTables {
     /// Returns the radiance of a colour.
     pub(crate) fn radiance(&self, ldr: [f32; 3]) -> [f32; 3] {
-        [0, 1, 2].map(|c| softplus(lifted(&self.0[c], ldr[c].into()).argument) as f32)
+        [0, 1, 2].map(|c| {
+            let (table, l) = (&self.0[c], f64::from(ldr[c]));
+            let z = lifted(table, table.piece(l), l).argument;
+            (z.max(0.0) + (-z.abs()).exp().ln_1p()) as f32
+        })
+    }
+}
+
+impl ColorMap for LiftTables {
+    #[inline]
+    fn tables(&self) -> &[LineTable; 3] {
+        &self.0
     }
 
-    /// Returns the radiance of splats; 0 for those that are not visible.
-    pub(crate) fn apply(&self, colors: &[[f32; 3]], visible: &[bool]) -> Vec<[f32; 3]> {
-        let splat = |(rgb, visible): (&[f32; 3], &bool)| if *visible { self.radiance(*rgb) } else { [0.0; 3] };
-        colors.par_iter().zip(visible).with_min_len(CHUNK).map(splat).collect()
+    fn inputs(&self, _: &mut [f32]) {}
+
+    #[inline]
+    fn argument(&self, table: &LineTable, piece: usize, input: f64) -> f64 {
+        lifted(table, piece, input).argument
     }
 
-    /// Returns the gradient by the colours and the sums by the networks' numbers, from the gradient
-    /// by radiance.
-    pub(crate) fn backward(&self, colors: &[[f32; 3]], visible: &[bool], by_radiance: &[[f32; 3]]) -> LiftGradient {
-        let mut by_color = vec![[0.0; 3]; colors.len()];
-        let zero = || self.0.each_ref().map(LineTable::sums);
-        let chunks = by_color.par_chunks_mut(CHUNK).zip(colors.par_chunks(CHUNK)).zip(visible.par_chunks(CHUNK));
-        let of_chunk = |(((out, colors), visible), by_radiance): BackwardChunk<'_>| {
-            let mut sums = zero();
-            for (i, out) in out.iter_mut().enumerate().filter(|(i, _)| visible[*i]) {
-                for c in 0..3 {
-                    let (l, table) = (f64::from(colors[i][c]), &self.0[c]);
-                    let Lifted { argument, x, r, y } = lifted(table, l);
-                    let d = f64::from(by_radiance[i][c]) * sigmoid(argument);
-                    let active = |line: LineValue, other: LineValue| if line.value > 0.0 { other.value.max(0.0) } else { 0.0 };
-                    let (by_x, by_r) = (d * active(x, r), d * active(r, x));
-                    let piece = table.piece(l);
-                    for (output, by) in [by_x, by_r, d].into_iter().enumerate() {
-                        sums[c].add(output, piece, l, by);
-                    }
-                    out[c] = (d + by_x * x.slope + by_r * r.slope + d * y.slope) as f32;
-                }
-            }
-            sums
-        };
-        let parts: Vec<[LineSums; 3]> = chunks.zip(by_radiance.par_chunks(CHUNK)).map(of_chunk).collect();
-        let mut sums = zero();
-        for part in &parts {
-            sums.iter_mut().zip(part).for_each(|(sum, part)| sum.merge(part));
+    fn colors(&self, arguments: &mut [f32], slopes: &mut [f32]) {
+        slopes.copy_from_slice(arguments);
+        map_all(&Sigmoid, slopes);
+        map_all(&Softplus, arguments);
+    }
+
+    #[inline]
+    fn backward(&self, table: &LineTable, sums: &mut LineSums, LinePlace { piece, input }: LinePlace, by_argument: f64) -> f64 {
+        let Lifted { x, r, y, .. } = lifted(table, piece, input);
+        let active = |line: LineValue, other: LineValue| if line.value > 0.0 { other.value.max(0.0) } else { 0.0 };
+        let (by_x, by_r) = (by_argument * active(x, r), by_argument * active(r, x));
+        for (output, by) in [by_x, by_r, by_argument].into_iter().enumerate() {
+            sums.add(output, piece, input, by);
         }
-        LiftGradient { by_color, sums }
+        by_argument + by_x * x.slope + by_r * r.slope + by_argument * y.slope
+    }
+
+    #[inline]
+    fn input_slope(&self, _: f32) -> f64 {
+        1.0
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use luxel_core::engine::SeenSplats;
     use luxel_core::random::standard_normal;
 
     use super::*;
+    use crate::peers::color_map::{SplatRows, mapped, mapped_backward};
 
     #[test]
     fn gradients_are_those_of_differences() {
         let colors: Vec<[f32; 3]> = (0..40).map(|i| standard_normal(3, i).map(|v: f32| v.abs())).collect();
         let weight = |i: usize| f64::from(0.7 * i as f32).sin();
         let loss = |lift: &Lift, colors: &[[f32; 3]]| -> f64 {
-            let radiance = lift.tables().apply(colors, &[true; 40]);
+            let radiance = mapped(&lift.tables(), &SeenSplats { radiance: colors, visible: &[true; 40] }).colors;
             radiance.as_flattened().iter().enumerate().map(|(i, x)| f64::from(*x) * weight(i)).sum()
         };
         let lift = Lift::new(16, 5);
         let by: Vec<[f32; 3]> = (0..40).map(|i| [0, 1, 2].map(|c| weight(3 * i + c) as f32)).collect();
-        let exact = lift.tables().backward(&colors, &[true; 40], &by);
+        let (tables, splats) = (lift.tables(), SeenSplats { radiance: &colors, visible: &[true; 40] });
+        let rows = SplatRows { values: by.as_flattened(), stride: 3, first: 0 };
+        let mut by_color = vec![[0.0; 3]; 40];
+        let sums = mapped_backward(&tables, &splats, &mapped(&tables, &splats), rows, &mut by_color);
         for (i, c) in [(0, 0), (7, 1), (39, 2)] {
             let moved = |h: f32| {
                 let mut colors = colors.clone();
                 colors[i][c] += h;
                 loss(&lift, &colors)
             };
-            let (numeric, found) = ((moved(1e-3) - moved(-1e-3)) / 2e-3, f64::from(exact.by_color[i][c]));
+            let (numeric, found) = ((moved(1e-3) - moved(-1e-3)) / 2e-3, f64::from(by_color[i][c]));
             assert!((numeric - found).abs() < 3e-3 + 1e-2 * found.abs(), "{i}, {c}: {numeric} {found}");
         }
-        let by_numbers = lift.lines[2].gradient(&lift.tables().0[2], &exact.sums[2]);
+        let [.., by_numbers] = lift.gradient(&tables, &sums);
         for at in (0..by_numbers.len()).step_by(7) {
             let moved = |h: f32| {
                 let mut lift = lift.clone();

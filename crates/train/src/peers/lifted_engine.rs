@@ -1,7 +1,7 @@
 //! Mono-HDR-GS's scene as an engine that renders radiance: splats of captured values, and the lift
 //! that makes radiance of their colours towards each camera.
 //!
-//! In: an engine that holds the splats and has a rasteriser with gradients, the lift. Out: the same
+//! In: an engine that holds the splats and blends channels, the lift. Out: the same
 //! engine, whose images are of lifted colours. Everything else is the inner engine's. Degenerate:
 //! cameras that are no pinholes, supersampling and deep images are refused; the scene file of a run
 //! has none of these limits.
@@ -10,12 +10,15 @@ use std::sync::{Arc, PoisonError, RwLock};
 
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{
-    DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, Layers, PassTime, SparseGradients, StepConfig,
+    ChannelSource, ChannelStep, DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, Layers, PassTime, SeenSplats,
+    SparseGradients, StepConfig,
 };
-use luxel_core::{Antialias, Camera, Engine, EngineError, Image, Moments, Remedy, RenderOptions, Splats, StepReport, View};
+use luxel_core::{
+    Antialias, Camera, Cutoffs, Engine, EngineError, Image, Moments, RasterConfig, Remedy, RenderOptions, Splats, StepReport, View,
+};
 
+use super::color_map::mapped;
 use super::lift::LiftTables;
-use super::rasterised::{Rasterised, SeenWith};
 
 /// The lift of a run as its engine and its steps share it.
 #[derive(Clone)]
@@ -54,6 +57,19 @@ fn refused(what: &str) -> EngineError {
     EngineError::invalid(message).with_remedy(Remedy::advice("name the run's point_cloud.ply, its scene without the lift"))
 }
 
+/// Lifted colours as channels.
+struct LiftedColors<'a>(&'a LiftTables);
+
+impl ChannelSource for LiftedColors<'_> {
+    fn count(&self) -> usize {
+        3
+    }
+
+    fn fill(&mut self, splats: &SeenSplats<'_>, out: &mut [f32]) {
+        out.copy_from_slice(mapped(self.0, splats).colors.as_flattened());
+    }
+}
+
 impl Engine for LiftedEngine {
     fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {
         camera.validate()?;
@@ -63,14 +79,14 @@ impl Engine for LiftedEngine {
         if options.raster.samples > 1 || options.raster.antialias == Antialias::Mip {
             return Err(refused("supersampling or a 3D filter"));
         }
-        let splats = self.inner.splats()?;
-        let Some(raster) = self.inner.differentiable() else {
-            return Err(EngineError::invalid("this engine has no rasteriser that lifts colours").with_remedy(Remedy::set("device", "cpu")));
-        };
-        let scene = Rasterised::projected(raster, &splats, camera, SeenWith { render: options, dropout: None })?;
-        let radiance = self.lift.get().apply(&scene.colors()?, scene.visible());
-        let pixels = scene.blend_over(&radiance, Some(options.background))?.pixels;
+        // No threshold may depend on the colours before the lift.
+        let cutoffs = options.raster.cutoffs;
+        let cutoffs = Cutoffs { min_contribution: f32::INFINITY, alpha_floor: cutoffs.min_alpha, ..cutoffs };
+        let options = RenderOptions { raster: RasterConfig { cutoffs, ..options.raster }, ..*options };
+        let planes = self.inner.render_channels(camera, &mut LiftedColors(&self.lift.get()), &options)?;
         let [width, height] = camera.size_px.map(|side| side as usize);
+        let len = width * height;
+        let pixels = (0..len).map(|i| [planes[i], planes[len + i], planes[2 * len + i]]).collect();
         Image::from_pixels(width, height, pixels).ok_or_else(|| EngineError::invalid("the image is not of the camera's size"))
     }
 
@@ -85,6 +101,28 @@ impl Engine for LiftedEngine {
 
     fn train_step(&mut self, _view: &View, _step: &StepConfig) -> Result<StepReport, EngineError> {
         Err(EngineError::invalid("this engine takes the gradients of its method's own steps"))
+    }
+
+    fn train_channels(&mut self, camera: &Camera, method: &mut dyn ChannelStep, step: &StepConfig) -> Result<StepReport, EngineError> {
+        self.inner.train_channels(camera, method, step)
+    }
+
+    fn channel_gradients(
+        &mut self,
+        camera: &Camera,
+        method: &mut dyn ChannelStep,
+        step: &StepConfig,
+    ) -> Result<(StepReport, SparseGradients), EngineError> {
+        self.inner.channel_gradients(camera, method, step)
+    }
+
+    fn render_channels(
+        &mut self,
+        camera: &Camera,
+        channels: &mut dyn ChannelSource,
+        options: &RenderOptions,
+    ) -> Result<Vec<f32>, EngineError> {
+        self.inner.render_channels(camera, channels, options)
     }
 
     fn load(&mut self, splats: &Splats, moments: Option<&Moments>) -> Result<(), EngineError> {

@@ -1,17 +1,22 @@
 //! The published methods that train on captured images, beside radiance or alone, apart from the
-//! colour models: each step computes its own images and losses over the engine's rasteriser with
-//! gradients, and hands the engine the gradients by the splats.
+//! colour models: each step makes its own images and losses of channels that the engine blends, and
+//! hands the engine the gradients by channels and radiance.
 //!
-//! In: views with or of captured images, the options of the method. Out: gradients and statistics
-//! in the engine's form, and the shared networks of the method, which are part of the run's state.
+//! In: views with or of captured images, the options of the method. Out: steps in the form that
+//! [`luxel_core::Engine::train_channels`] takes, and the shared networks of the method, which are
+//! part of the run's state.
 //! Sources and deviations from what was published: `docs/src/guide/published-methods.md`.
 //! Degenerate: data without pairs and options that a method does not have are errors at the start.
 
 mod adam;
+mod blocks;
 mod check;
+mod color_map;
 mod cycle;
 mod fold;
+mod functions;
 mod gauss_hdr;
+mod gauss_loss;
 mod gauss_networks;
 mod gauss_tone;
 mod hdr_gs;
@@ -20,8 +25,8 @@ mod lift;
 mod lifted_engine;
 mod mono_hdr_gs;
 mod pair;
+mod pair_channels;
 mod radiance_loss;
-mod rasterised;
 mod relu_line;
 mod soft_network;
 #[cfg(test)]
@@ -34,13 +39,14 @@ use serde::{Deserialize, Serialize};
 
 pub(crate) use self::check::check_options;
 pub(crate) use self::fold::folded;
-pub(crate) use self::gauss_hdr::GaussStep;
+pub(crate) use self::gauss_hdr::{GaussStep, GaussTarget};
 use self::gauss_networks::GaussNetworks;
 pub(crate) use self::gauss_networks::GaussRates;
 pub(crate) use self::lifted_engine::{LiftedEngine, SharedLift};
 use self::mono_hdr_gs::MonoNetworks;
 pub use self::pair::one_exposure;
-pub(crate) use self::pair::{PairStep, check_captured, check_pairs, exposure_of, turn};
+pub(crate) use self::pair::{check_captured, check_pairs, exposure_of, turn};
+pub(crate) use self::pair_channels::PairTargets;
 pub use self::tone_mappers::ToneMapperRecord;
 use self::tone_mappers::ToneMappers;
 use crate::config::Method;

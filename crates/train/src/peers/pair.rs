@@ -6,22 +6,9 @@
 //! are exposures every pair of a pose and an exposure comes once. Degenerate: a view without
 //! captured images is an error.
 
-use luxel_core::engine::{Differentiable, StepConfig};
-use luxel_core::{PixelValues, Splats, View};
+use luxel_core::{PixelValues, View};
 
-use crate::{TrainConfig, TrainError};
-
-/// A step on a pair of images, to be computed.
-pub(crate) struct PairStep<'a> {
-    pub(crate) raster: &'a dyn Differentiable,
-    pub(crate) splats: &'a Splats,
-    /// Radiance, with its target.
-    pub(crate) view: &'a View,
-    /// The captured image.
-    pub(crate) recording: &'a View,
-    pub(crate) config: &'a TrainConfig,
-    pub(crate) step: &'a StepConfig,
-}
+use crate::TrainError;
 
 const NO_CAPTURED_IMAGE: &str = "has no captured image beside its radiance, expected one or more";
 

@@ -45,6 +45,8 @@ struct Break {
 pub(crate) struct LineTable {
     /// In ascending order.
     breaks: Vec<Break>,
+    /// Their places, filled up with infinity to a power of two.
+    places: Vec<f64>,
     /// `[outputs, breaks + 1]`.
     pieces: Vec<Vec<Piece>>,
 }
@@ -122,7 +124,9 @@ impl ReluLine {
         let mut breaks: Vec<Break> = bending.map(|unit| Break { at: -self.bias(unit) / self.weight(unit), unit }).collect();
         breaks.sort_by(|a, b| a.at.total_cmp(&b.at).then(a.unit.cmp(&b.unit)));
         let pieces = (0..self.outputs).map(|output| self.pieces(output, &breaks)).collect();
-        LineTable { breaks, pieces }
+        let mut places: Vec<f64> = breaks.iter().map(|b| b.at).collect();
+        places.resize((breaks.len() + 1).next_power_of_two(), f64::INFINITY);
+        LineTable { breaks, places, pieces }
     }
 
     fn pieces(&self, output: usize, breaks: &[Break]) -> Vec<Piece> {
@@ -183,11 +187,19 @@ impl ReluLine {
 
 impl LineTable {
     /// Returns the piece of an input.
+    #[inline]
     pub(crate) fn piece(&self, s: f64) -> usize {
-        self.breaks.partition_point(|b| b.at < s)
+        // Halves without branches, which would be guessed wrong every other time.
+        let (mut first, mut len) = (0, self.places.len());
+        while len > 1 {
+            len /= 2;
+            first += if self.places[first + len - 1] < s { len } else { 0 };
+        }
+        first
     }
 
     /// Returns an output at an input on `piece`.
+    #[inline]
     pub(crate) fn value(&self, output: usize, piece: usize, s: f64) -> LineValue {
         let Piece { slope, offset } = self.pieces[output][piece];
         LineValue { value: slope * s + offset, slope }
@@ -201,6 +213,7 @@ impl LineTable {
 
 impl LineSums {
     /// Adds the gradient by an output's value at an input on `piece`.
+    #[inline]
     pub(crate) fn add(&mut self, output: usize, piece: usize, s: f64, gradient: f64) {
         let sum = &mut self.0[output][piece];
         sum.gradient += gradient;

@@ -1,7 +1,7 @@
-//! Small dense networks of one hidden layer of smooth units and one output, for sixteen inputs at a
-//! time.
+//! Small dense networks of one hidden layer of smooth units and one output, for two blocks of sixteen
+//! items at a time.
 //!
-//! In: N numbers for each of sixteen items. Out: u = c + sum over units j of v_j h(w_j . x + b_j),
+//! In: N numbers for each item. Out: u = c + sum over units j of v_j h(w_j . x + b_j),
 //! and the gradient by the inputs and by all numbers. h(z) = (z + sqrt(z^2 + 4 ln^2 2)) / 2 has the
 //! value of softplus at 0, its slope there and its asymptotes, and needs no exponential
 //! (squareplus, Barron 2021).
@@ -11,10 +11,9 @@ use fearless_simd::{Simd, f32x16};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
+use super::functions::LANES;
 use crate::TrainError;
 
-/// Items that are computed together.
-pub(super) const LANES: usize = 16;
 /// Hidden units.
 pub(super) const UNITS: usize = 64;
 /// 4 ln^2 2.
@@ -33,9 +32,12 @@ pub(super) struct SoftNetwork<const N: usize> {
 
 /// Adds to sixteen sums.
 #[inline(always)]
-fn add<S: Simd>(simd: S, sum: &mut [f32; LANES], a: f32x16<S>, b: f32x16<S>) {
-    a.mul_add(b, f32x16::load_array_ref(simd, sum)).store_array(sum);
+pub(super) fn add<S: Simd>(simd: S, sum: &mut [f32; LANES], part: f32x16<S>) {
+    (f32x16::load_array_ref(simd, sum) + part).store_array(sum);
 }
+
+/// Inputs of two blocks of items.
+pub(super) type Pair<S, const N: usize> = [[f32x16<S>; N]; 2];
 
 impl<const N: usize> SoftNetwork<N> {
     /// Number of numbers.
@@ -47,6 +49,12 @@ impl<const N: usize> SoftNetwork<N> {
         let bound = |at: usize| if at % (N + 2) == N + 1 || at + 1 == Self::NUMBERS { UNITS as f32 } else { N as f32 }.sqrt().recip();
         let numbers = (0..Self::NUMBERS).map(bound).map(|bound| rng.random_range(-bound..bound)).collect();
         Self { numbers }
+    }
+
+    /// Returns the numbers.
+    #[cfg(test)]
+    pub(super) fn numbers(&self) -> &[f32] {
+        &self.numbers
     }
 
     /// Returns the numbers, to be changed.
@@ -62,46 +70,60 @@ impl<const N: usize> SoftNetwork<N> {
         }
     }
 
-    /// Returns the outputs of sixteen items.
+    /// Returns the arguments of a hidden unit.
     #[inline(always)]
-    pub(super) fn apply<S: Simd>(&self, simd: S, inputs: &[f32x16<S>; N]) -> f32x16<S> {
-        let c = |value: f32| f32x16::splat(simd, value);
-        let mut sum = c(self.numbers[Self::NUMBERS - 1]);
-        for unit in self.numbers.chunks_exact(N + 2) {
-            let mut z = c(unit[N]);
-            for (input, weight) in inputs.iter().zip(unit) {
-                z = input.mul_add(c(*weight), z);
-            }
-            let root = z.mul_add(z, c(BEND)).sqrt();
-            sum = (z + root).mul_add(c(0.5 * unit[N + 1]), sum);
+    fn arguments<S: Simd>(simd: S, unit: &[f32], inputs: &Pair<S, N>) -> [f32x16<S>; 2] {
+        let bias = f32x16::splat(simd, unit[N]);
+        let mut z = [bias; 2];
+        for k in 0..N {
+            let weight = f32x16::splat(simd, unit[k]);
+            z[0] = inputs[0][k].mul_add(weight, z[0]);
+            z[1] = inputs[1][k].mul_add(weight, z[1]);
         }
-        sum
+        z
+    }
+
+    /// Returns the outputs of two blocks of items.
+    #[inline(always)]
+    pub(super) fn apply<S: Simd>(&self, simd: S, inputs: &Pair<S, N>) -> [f32x16<S>; 2] {
+        let c = |value: f32| f32x16::splat(simd, value);
+        let bend = c(BEND);
+        let mut sums = [c(self.numbers[Self::NUMBERS - 1]); 2];
+        for unit in self.numbers.chunks_exact(N + 2) {
+            let (z, outgoing) = (Self::arguments(simd, unit, inputs), c(0.5 * unit[N + 1]));
+            for b in 0..2 {
+                sums[b] = (z[b] + z[b].mul_add(z[b], bend).sqrt()).mul_add(outgoing, sums[b]);
+            }
+        }
+        sums
     }
 
     /// Adds the gradient by the numbers to sums, and returns that by the inputs, from that by the
-    /// outputs of sixteen items.
+    /// outputs of two blocks of items.
     #[inline(always)]
-    pub(super) fn backward<S: Simd>(&self, simd: S, inputs: &[f32x16<S>; N], by: f32x16<S>, sums: &mut LaneSums) -> [f32x16<S>; N] {
+    pub(super) fn backward<S: Simd>(&self, simd: S, inputs: &Pair<S, N>, by: [f32x16<S>; 2], sums: &mut LaneSums) -> Pair<S, N> {
         let c = |value: f32| f32x16::splat(simd, value);
-        let (zero, one, half) = (c(0.0), c(1.0), c(0.5));
-        let mut by_inputs = [zero; N];
+        let (bend, half) = (c(BEND), c(0.5));
+        let mut by_inputs = [[c(0.0); N]; 2];
         for (unit, sums) in self.numbers.chunks_exact(N + 2).zip(sums.chunks_exact_mut(N + 2)) {
-            let mut z = c(unit[N]);
-            for (input, weight) in inputs.iter().zip(unit) {
-                z = input.mul_add(c(*weight), z);
+            let (z, outgoing) = (Self::arguments(simd, unit, inputs), c(unit[N + 1]));
+            let (mut hidden, mut by_z) = ([c(0.0); 2], [c(0.0); 2]);
+            for b in 0..2 {
+                let root = z[b].mul_add(z[b], bend).sqrt();
+                hidden[b] = (z[b] + root) * half;
+                // h'(z) = h / sqrt(z^2 + 4 ln^2 2).
+                by_z[b] = by[b] * outgoing * (hidden[b] / root);
             }
-            let root = z.mul_add(z, c(BEND)).sqrt();
-            let hidden = (z + root) * half;
-            add(simd, &mut sums[N + 1], by, hidden);
-            // h'(z) = h / sqrt(z^2 + 4 ln^2 2).
-            let by_z = by * c(unit[N + 1]) * (hidden / root);
-            add(simd, &mut sums[N], by_z, one);
-            for (k, (input, weight)) in inputs.iter().zip(unit).enumerate() {
-                add(simd, &mut sums[k], by_z, *input);
-                by_inputs[k] = by_z.mul_add(c(*weight), by_inputs[k]);
+            add(simd, &mut sums[N + 1], by[0].mul_add(hidden[0], by[1] * hidden[1]));
+            add(simd, &mut sums[N], by_z[0] + by_z[1]);
+            for k in 0..N {
+                add(simd, &mut sums[k], by_z[0].mul_add(inputs[0][k], by_z[1] * inputs[1][k]));
+                let weight = c(unit[k]);
+                by_inputs[0][k] = by_z[0].mul_add(weight, by_inputs[0][k]);
+                by_inputs[1][k] = by_z[1].mul_add(weight, by_inputs[1][k]);
             }
         }
-        add(simd, &mut sums[Self::NUMBERS - 1], by, one);
+        add(simd, &mut sums[Self::NUMBERS - 1], by[0] + by[1]);
         by_inputs
     }
 }

@@ -1,25 +1,32 @@
 //! A small scene for tests of gradients: splats of a few pixels to half the image, in front of a
-//! camera at the origin, and a pair of images that they do not match.
+//! camera at the origin, and a pair of images that they do not match; and the methods' losses in
+//! f64, with whose central differences gradients are compared.
+
+pub(crate) mod method_oracles;
+pub(crate) mod oracle;
 
 use luxel_core::engine::{
-    AdamBetas, CameraGradientChoice, LearningRates, ParameterRows, SPLATS_PER_BLOCK, SparseGradients, StatsCollection, StepConfig,
+    AdamBetas, CameraGradientChoice, ChannelStep, LearningRates, SPLATS_PER_BLOCK, SparseGradients, StatsCollection, StepConfig,
 };
 use luxel_core::random::standard_normal;
 use luxel_core::{
-    Antialias, Camera, ColorModel, Cutoffs, Engine, Image, LossWeights, PixelValues, RasterConfig, RenderOptions, Splat, Splats, View,
-    logit,
+    Antialias, Camera, ColorModel, Cutoffs, Engine, Image, LossWeights, PixelValues, RasterConfig, RenderOptions, Splat, Splats,
+    StepReport, View, logit,
 };
 use luxel_cpu::CpuEngine;
 
-use super::pair::PairStep;
+use self::oracle::{Point, ROWS};
+use super::pair_channels::PairTargets;
 use crate::TrainConfig;
 use crate::testing::{camera_at, view_of};
 
-const SIDE: u32 = 40;
+pub(crate) const SIDE: u32 = 40;
+/// Largest error of a gradient, of the largest one by the same parameter.
+const SPLAT_BOUND: f64 = 1e-3;
+const SHARED_BOUND: f64 = 1e-3;
 
 /// The scene.
 pub(crate) struct GradientScene {
-    pub(crate) engine: CpuEngine,
     pub(crate) splats: Splats,
     pub(crate) view: View,
     pub(crate) recording: View,
@@ -65,56 +72,79 @@ fn step() -> StepConfig {
     }
 }
 
-/// Changes a number of a splat by its row.
-fn moved(splats: &Splats, i: usize, row: usize, by: f32) -> Splats {
-    let mut splats = splats.clone();
-    match row {
-        0..3 => splats.position[i][row] += by,
-        3..7 => splats.rotation[i][row - 3] += by,
-        7..10 => splats.log_scale[i][row - 7] += by,
-        ParameterRows::OPACITY => splats.opacity_logit[i] += by,
-        _ => splats.sh[12 * i + row - ParameterRows::SH] += by,
-    }
-    splats
-}
-
 impl GradientScene {
     /// Makes the scene of a colour model of degree 1.
     pub(crate) fn new(color_model: ColorModel) -> Self {
         let camera: Camera = camera_at([0.0; 3], [SIDE, SIDE]);
         let view = view_of("a", camera.clone(), image(3));
         let recording = View { values: PixelValues::Recorded { exposure_s: 2.0 }, ..view_of("a_0", camera, image(4)) };
-        Self { engine: CpuEngine::new(2).unwrap(), splats: splats(color_model), view, recording, step: step() }
+        Self { splats: splats(color_model), view, recording, step: step() }
     }
 
-    /// Returns what a step returns.
-    pub(crate) fn of<R>(&self, config: &TrainConfig, run: impl Fn(PairStep<'_>) -> R) -> R {
-        self.with(&self.splats, config, run)
+    /// Returns the images of a pair, and how they are compared.
+    pub(crate) fn targets<'a>(&'a self, config: &'a TrainConfig) -> PairTargets<'a> {
+        PairTargets { view: &self.view, recording: &self.recording, config, loss: self.step.loss }
     }
 
-    fn with<R>(&self, splats: &Splats, config: &TrainConfig, run: impl Fn(PairStep<'_>) -> R) -> R {
-        let raster = Engine::differentiable(&self.engine).unwrap();
-        run(PairStep { raster, splats, view: &self.view, recording: &self.recording, config, step: &self.step })
+    /// Computes the gradients of a step.
+    pub(crate) fn gradients(&self, method: &mut dyn ChannelStep) -> (StepReport, SparseGradients) {
+        let mut engine = CpuEngine::new(2).unwrap();
+        engine.load(&self.splats, None).unwrap();
+        engine.channel_gradients(&self.view.camera, method, &self.step).unwrap()
     }
+}
 
-    /// Compares a step's gradients by every parameter of some splats with differences of its loss.
-    pub(crate) fn check(&self, config: &TrainConfig, run: impl Fn(PairStep<'_>) -> (f32, SparseGradients)) {
-        self.check_by(|splats| self.with(splats, config, &run));
-    }
+/// Returns the central difference of a loss by one number.
+fn difference(point: &Point, number: impl Fn(&mut Point) -> &mut f64, loss: &impl Fn(&Point) -> f64) -> f64 {
+    let moved = |h: f64| {
+        let mut point = point.clone();
+        *number(&mut point) += h;
+        loss(&point)
+    };
+    (moved(1e-5) - moved(-1e-5)) / 2e-5
+}
 
-    /// Compares gradients by every parameter of some splats with differences of the loss.
-    pub(crate) fn check_by(&self, of: impl Fn(&Splats) -> (f32, SparseGradients)) {
-        let splats = &self.splats;
-        let exact = of(splats).1;
-        let rows = exact.rows().count();
-        let at = |i: usize, row: usize| {
-            f64::from(exact.values_of((i / SPLATS_PER_BLOCK) as u32).unwrap()[row * SPLATS_PER_BLOCK + i % SPLATS_PER_BLOCK])
-        };
-        let largest = |row: usize| (0..splats.len()).map(|i| at(i, row).abs()).fold(0.0, f64::max);
-        for (i, row) in [2, 7, 13, 19].into_iter().flat_map(|i| (0..rows).map(move |row| (i, row))) {
-            let loss = |by: f32| f64::from(of(&moved(splats, i, row, by)).0);
-            let (numeric, found) = ((loss(5e-3) - loss(-5e-3)) / 1e-2, at(i, row));
-            assert!((numeric - found).abs() < 0.06 * largest(row) + 2e-5, "splat {i}, row {row}: {numeric:e} {found:e}");
+/// Compares gradients by every parameter of some splats with differences of the loss.
+pub(crate) fn check_splats(found: &SparseGradients, point: &Point, loss: impl Fn(&Point) -> f64) {
+    let at = |i: usize, row: usize| {
+        let block = found.values_of((i / SPLATS_PER_BLOCK) as u32).unwrap();
+        f64::from(block[row * SPLATS_PER_BLOCK + i % SPLATS_PER_BLOCK])
+    };
+    assert_eq!(found.rows().count(), ROWS);
+    let mut worst = 0.0f64;
+    for row in 0..ROWS {
+        let largest = (0..point.splats.len()).map(|i| at(i, row).abs()).fold(0.0, f64::max);
+        for i in [2, 7, 13, 19] {
+            let numeric = difference(point, |point| &mut point.splats[i][row], &loss);
+            worst = worst.max((numeric - at(i, row)).abs() / largest);
+            assert!(
+                (numeric - at(i, row)).abs() < SPLAT_BOUND * largest,
+                "splat {i}, row {row}: {numeric:e} {:e} of {largest:e}",
+                at(i, row)
+            );
         }
+    }
+    println!("gradients by splats: worst error {worst:.1e} of the largest of a parameter");
+}
+
+/// Compares gradients by some of the numbers that splats share with differences of the loss.
+pub(crate) fn check_shared(found: &[f64], point: &Point, loss: impl Fn(&Point) -> f64) {
+    assert_eq!(found.len(), point.shared.len());
+    let largest = found.iter().fold(0.0f64, |m, g| m.max(g.abs()));
+    let mut worst = 0.0f64;
+    for at in (0..found.len()).step_by(found.len() / 60).chain([found.len() - 1]) {
+        let numeric = difference(point, |point| &mut point.shared[at], &loss);
+        worst = worst.max((numeric - found[at]).abs() / largest);
+        assert!((numeric - found[at]).abs() < SHARED_BOUND * largest, "number {at}: {numeric:e} {:e} of {largest:e}", found[at]);
+    }
+    println!("gradients by shared numbers: worst error {worst:.1e} of the largest");
+}
+
+/// Compares gradients by some features with differences of the loss.
+pub(crate) fn check_features(found: &[f32], point: &Point, loss: impl Fn(&Point) -> f64) {
+    let largest = found.iter().fold(0.0f64, |m, g| m.max(f64::from(g.abs())));
+    for at in [0, 13, 30, 55, 79] {
+        let numeric = difference(point, |point| &mut point.features[at / 4][at % 4], &loss);
+        assert!((numeric - f64::from(found[at])).abs() < SHARED_BOUND * largest, "feature {at}: {numeric:e} {:e}", found[at]);
     }
 }

@@ -6,23 +6,21 @@
 //! geometric mean of the training exposures, so that a unit of time does not change how the
 //! networks begin. The gradient by radiance and by the networks' numbers is exact.
 //!
-//! Splats are taken in chunks of constant size, and their sums are added in order: the same bits
-//! for any number of threads. Degenerate: black has no logarithm; radiance below [`DARKEST`] counts
-//! as that and has no gradient.
+//! Degenerate: black has no logarithm; radiance below [`DARKEST`] counts as that and has no
+//! gradient.
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::adam::Adam;
+use super::color_map::{ColorMap, LinePlace};
+use super::functions::{LnAbove, Sigmoid, map_all};
 use super::relu_line::{LineSums, LineTable, ReluLine};
 use crate::TrainError;
 
 /// Radiance that black counts as, far below every cut-off.
 const DARKEST: f32 = 1e-30;
-/// Splats of a chunk.
-const CHUNK: usize = 2048;
 /// Constant that separates the random stream of the networks from others of the same seed.
 const STREAM: u64 = 0x6c75_7865_6c04;
 
@@ -53,14 +51,7 @@ pub struct ToneMapperRecord {
 /// The networks at one step and exposure.
 pub(crate) struct ToneTables {
     tables: [LineTable; 3],
-    log_exposure: f64,
-}
-
-/// The gradients of a step.
-pub(crate) struct ToneGradient {
-    /// By the splats' radiance.
-    pub(crate) by_color: Vec<[f32; 3]>,
-    sums: [LineSums; 3],
+    log_exposure: f32,
 }
 
 impl ToneMappers {
@@ -77,13 +68,24 @@ impl ToneMappers {
     /// Returns the tables for an exposure.
     pub(crate) fn tables(&self, exposure_s: f32) -> ToneTables {
         let log_exposure = f64::from(exposure_s).ln() - f64::from(self.reference_s).ln();
-        ToneTables { tables: self.lines.each_ref().map(ReluLine::table), log_exposure }
+        ToneTables { tables: self.lines.each_ref().map(ReluLine::table), log_exposure: log_exposure as f32 }
+    }
+
+    /// Returns the numbers of the networks.
+    #[cfg(test)]
+    pub(super) fn numbers(&self) -> [&[f32]; 3] {
+        self.lines.each_ref().map(ReluLine::numbers)
+    }
+
+    /// Returns the gradient by the networks' numbers.
+    pub(crate) fn gradient(&self, tables: &ToneTables, sums: &[LineSums; 3]) -> [Vec<f64>; 3] {
+        [0, 1, 2].map(|c| self.lines[c].gradient(&tables.tables[c], &sums[c]))
     }
 
     /// Updates the networks by a step's gradient.
-    pub(crate) fn update(&mut self, tables: &ToneTables, gradient: &ToneGradient, rate: f64) {
-        for (c, (line, adam)) in self.lines.iter_mut().zip(&mut self.adam).enumerate() {
-            let by_numbers = line.gradient(&tables.tables[c], &gradient.sums[c]);
+    pub(crate) fn update(&mut self, tables: &ToneTables, sums: &[LineSums; 3], rate: f64) {
+        let gradient = self.gradient(tables, sums);
+        for ((line, adam), by_numbers) in self.lines.iter_mut().zip(&mut self.adam).zip(gradient) {
             adam.step(line.numbers_mut(), &by_numbers, rate);
         }
     }
@@ -110,76 +112,66 @@ impl ToneMappers {
     }
 }
 
-fn sigmoid(u: f64) -> f64 {
-    1.0 / (1.0 + (-u).exp())
-}
-
-impl ToneTables {
-    /// Returns the input of a network for a radiance.
-    fn input(&self, radiance: f32) -> f64 {
-        f64::from(radiance.max(DARKEST)).ln() + self.log_exposure
+impl ColorMap for ToneTables {
+    #[inline]
+    fn tables(&self) -> &[LineTable; 3] {
+        &self.tables
     }
 
-    /// Returns the captured values of splats; 0 for those that are not visible.
-    pub(crate) fn apply(&self, colors: &[[f32; 3]], visible: &[bool]) -> Vec<[f32; 3]> {
-        let value = |c: usize, radiance: f32| {
-            let s = self.input(radiance);
-            let table = &self.tables[c];
-            sigmoid(table.value(0, table.piece(s), s).value) as f32
-        };
-        let splat = |(rgb, visible): (&[f32; 3], &bool)| if *visible { [0, 1, 2].map(|c| value(c, rgb[c])) } else { [0.0; 3] };
-        colors.par_iter().zip(visible).with_min_len(CHUNK).map(splat).collect()
+    fn inputs(&self, colors: &mut [f32]) {
+        map_all(&LnAbove { floor: DARKEST }, colors);
+        colors.iter_mut().for_each(|s| *s += self.log_exposure);
     }
 
-    /// Returns the gradient by radiance and the sums by the networks' numbers, from the gradient by
-    /// the captured values.
-    pub(crate) fn backward(&self, colors: &[[f32; 3]], visible: &[bool], by_value: &[[f32; 3]]) -> ToneGradient {
-        let mut by_color = vec![[0.0; 3]; colors.len()];
-        let zero = || self.tables.each_ref().map(LineTable::sums);
-        let of_chunk = |(chunk, out): (usize, &mut [[f32; 3]])| {
-            let at = chunk * CHUNK..chunk * CHUNK + out.len();
-            let (colors, visible, by_value) = (&colors[at.clone()], &visible[at.clone()], &by_value[at]);
-            let mut sums = zero();
-            for (i, out) in out.iter_mut().enumerate().filter(|(i, _)| visible[*i]) {
-                for c in 0..3 {
-                    let (radiance, gradient) = (colors[i][c], f64::from(by_value[i][c]));
-                    if gradient == 0.0 {
-                        continue;
-                    }
-                    let (s, table) = (self.input(radiance), &self.tables[c]);
-                    let piece = table.piece(s);
-                    let line = table.value(0, piece, s);
-                    let y = sigmoid(line.value);
-                    let by_line = gradient * y * (1.0 - y);
-                    sums[c].add(0, piece, s, by_line);
-                    if radiance > DARKEST {
-                        out[c] = (by_line * line.slope / f64::from(radiance)) as f32;
-                    }
-                }
-            }
-            sums
-        };
-        let parts: Vec<[LineSums; 3]> = by_color.par_chunks_mut(CHUNK).enumerate().map(of_chunk).collect();
-        let mut sums = zero();
-        for part in &parts {
-            sums.iter_mut().zip(part).for_each(|(sum, part)| sum.merge(part));
-        }
-        ToneGradient { by_color, sums }
+    #[inline]
+    fn argument(&self, table: &LineTable, piece: usize, input: f64) -> f64 {
+        table.value(0, piece, input).value
+    }
+
+    fn colors(&self, arguments: &mut [f32], slopes: &mut [f32]) {
+        map_all(&Sigmoid, arguments);
+        slopes.iter_mut().zip(arguments).for_each(|(slope, y)| *slope = *y * (1.0 - *y));
+    }
+
+    #[inline]
+    fn backward(&self, table: &LineTable, sums: &mut LineSums, LinePlace { piece, input }: LinePlace, by_argument: f64) -> f64 {
+        sums.add(0, piece, input, by_argument);
+        by_argument * table.value(0, piece, input).slope
+    }
+
+    #[inline]
+    fn input_slope(&self, color: f32) -> f64 {
+        if color > DARKEST { f64::from(color).recip() } else { 0.0 }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use luxel_core::engine::SeenSplats;
     use luxel_core::random::standard_normal;
 
     use super::*;
+    use crate::peers::color_map::{SplatRows, mapped, mapped_backward};
 
     fn colors(count: u64) -> Vec<[f32; 3]> {
         (0..count).map(|i| standard_normal(3, i).map(|v: f32| (2.0 * v).exp())).collect()
     }
 
+    fn values(tables: &ToneTables, colors: &[[f32; 3]], visible: &[bool]) -> Vec<[f32; 3]> {
+        mapped(tables, &SeenSplats { radiance: colors, visible }).colors
+    }
+
+    /// Returns the gradient by the colours, and the sums by the networks' numbers.
+    fn backward(tables: &ToneTables, colors: &[[f32; 3]], visible: &[bool], by: &[[f32; 3]]) -> (Vec<[f32; 3]>, [LineSums; 3]) {
+        let splats = SeenSplats { radiance: colors, visible };
+        let rows = SplatRows { values: by.as_flattened(), stride: 3, first: 0 };
+        let mut by_color = vec![[0.0; 3]; colors.len()];
+        let sums = mapped_backward(tables, &splats, &mapped(tables, &splats), rows, &mut by_color);
+        (by_color, sums)
+    }
+
     fn loss(mappers: &ToneMappers, colors: &[[f32; 3]], visible: &[bool]) -> f64 {
-        let values = mappers.tables(0.5).apply(colors, visible);
+        let values = values(&mappers.tables(0.5), colors, visible);
         values.as_flattened().iter().zip(0..).map(|(y, i)| f64::from(*y) * f64::from(0.7 * i as f32).sin()).sum()
     }
 
@@ -192,7 +184,7 @@ mod tests {
         let (colors, mappers) = (colors(40), ToneMappers::new(16, [0.5, 2.0].into_iter(), 5));
         let visible: Vec<bool> = (0..40).map(|i| i % 7 != 3).collect();
         let tables = mappers.tables(0.5);
-        let exact = tables.backward(&colors, &visible, &by_value(40));
+        let (by_color, sums) = backward(&tables, &colors, &visible, &by_value(40));
         for (i, c) in [(0, 0), (5, 1), (39, 2), (12, 0)] {
             let moved = |h: f32| {
                 let mut colors = colors.clone();
@@ -200,11 +192,11 @@ mod tests {
                 loss(&mappers, &colors, &visible)
             };
             let numeric = (moved(1e-3) - moved(-1e-3)) / (2e-3 * f64::from(colors[i][c]));
-            let found = f64::from(exact.by_color[i][c]);
+            let found = f64::from(by_color[i][c]);
             assert!((numeric - found).abs() < 1e-3 + 1e-2 * found.abs(), "{i}, {c}: {numeric:e} {found:e}");
         }
-        assert_eq!(exact.by_color[3], [0.0; 3]);
-        let by_numbers = mappers.lines[1].gradient(&tables.tables[1], &exact.sums[1]);
+        assert_eq!(by_color[3], [0.0; 3]);
+        let [_, by_numbers, _] = mappers.gradient(&tables, &sums);
         for at in [0, 9, 20, 30, 40, 48] {
             let moved = |h: f32| {
                 let mut mappers = mappers.clone();
@@ -224,9 +216,9 @@ mod tests {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
                 let mut mappers = mappers.clone();
-                let gradient = tables.backward(&colors, &visible, &by_value(9000));
-                mappers.update(&tables, &gradient, 1e-3);
-                (mappers, gradient.by_color)
+                let (by_color, sums) = backward(&tables, &colors, &visible, &by_value(9000));
+                mappers.update(&tables, &sums, 1e-3);
+                (mappers, by_color)
             })
         };
         assert!(numbers(1) == numbers(3));
@@ -241,17 +233,17 @@ mod tests {
         for step in 0..9000 {
             let exposure_s = [0.125f32, 2.0, 32.0][step % 3];
             let tables = mappers.tables(exposure_s);
-            let values = tables.apply(&colors, &visible);
+            let values = values(&tables, &colors, &visible);
             let by = |(y, x): (&[f32; 3], &[f32; 3])| {
                 [0, 1, 2].map(|c| (f64::from(y[c]) - truth(f64::from(x[c]) * f64::from(exposure_s))).signum() as f32 / 600.0)
             };
             let by_value: Vec<[f32; 3]> = values.iter().zip(&colors).map(by).collect();
-            let gradient = tables.backward(&colors, &visible, &by_value);
-            mappers.update(&tables, &gradient, 5e-4);
+            let (_, sums) = backward(&tables, &colors, &visible, &by_value);
+            mappers.update(&tables, &sums, 5e-4);
         }
         for (exposure_s, x) in [(0.125f32, 0.5f32), (2.0, 0.05), (2.0, 1.0), (32.0, 0.01), (32.0, 0.1)] {
             let expected = truth(f64::from(x) * f64::from(exposure_s));
-            let found = f64::from(mappers.tables(exposure_s).apply(&[[x; 3]], &[true])[0][1]);
+            let found = f64::from(values(&mappers.tables(exposure_s), &[[x; 3]], &[true])[0][1]);
             assert!((found - expected).abs() < 0.02, "{exposure_s} s, {x}: {found} {expected}");
         }
     }

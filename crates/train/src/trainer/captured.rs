@@ -3,13 +3,13 @@
 //! In: the view of the step. Out: the engine's scene, the method's networks and features, updated,
 //! and the step's report. Degenerate: a loss that is not finite is an error before the update.
 
+use luxel_core::StepReport;
 use luxel_core::engine::StepConfig;
-use luxel_core::{EngineError, StepReport};
 
 use super::Trainer;
 use super::batch::{SlotView, view_of};
 use crate::camera_response::exposure_of;
-use crate::peers::{GaussRates, GaussStep, SharedNetworks};
+use crate::peers::{GaussRates, GaussStep, GaussTarget, SharedNetworks};
 use crate::{NamedChoice, TrainError};
 
 /// Part of their first rate that tone networks have at the end; in between it falls evenly in the
@@ -25,22 +25,19 @@ impl Trainer {
         let view = view_of(views, state, lenses.as_ref(), of)?;
         let no_image = |reason| TrainError::NeedsCaptured { method, view: view.name.clone(), reason };
         let exposure_s = exposure_of(view).ok_or_else(|| no_image("is radiance, expected a captured image"))?;
-        let splats = engine.splats()?;
-        let Some(raster) = engine.differentiable() else {
-            return Err(EngineError::invalid("this engine has no rasteriser with gradients").into());
-        };
         let Some(SharedNetworks::GaussHdr(networks)) = &mut state.networks else { return Err(no_image("has no tone networks")) };
         let exposure = state.radiance_scale.restored_value(exposure_s);
-        let found =
-            GaussStep { raster, splats: &splats, view, exposure, unit_value: state.config.unit_exposure, step }.gradients(networks)?;
-        if !found.report.loss.is_finite() {
+        let target = GaussTarget { view, exposure, unit_value: state.config.unit_exposure, loss: step.loss };
+        let mut channels = GaussStep::new(target, networks);
+        let report = engine.train_channels(&view.camera, &mut channels, step)?;
+        if !report.loss.is_finite() {
             return Err(TrainError::NotFinite { step: of.step, view: view.name.clone() });
         }
+        let found = channels.gradients();
         let along = f64::from(of.step) / f64::from(state.planned_iterations.max(1));
         let tone_rate = f64::from(state.config.tone_lr) * LAST_TONE_RATE.powf(along.min(1.0));
         let rates = GaussRates { tone: tone_rate, features: state.config.feature_lr.into() };
         networks.update(&found.by_numbers, &found.by_features, rates);
-        engine.apply_gradients(&found.splats, step)?;
-        Ok(found.report)
+        Ok(report)
     }
 }

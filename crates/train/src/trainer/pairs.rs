@@ -4,11 +4,11 @@
 //! step's report. Degenerate: a loss that is not finite is an error before the update.
 
 use luxel_core::engine::StepConfig;
-use luxel_core::{Engine, EngineError, Scene, Snapshot, StepReport};
+use luxel_core::{Engine, Scene, Snapshot, StepReport};
 
 use super::Trainer;
 use super::batch::{SlotView, view_of};
-use crate::peers::{LiftedEngine, PairStep, SharedNetworks, ToneMapperRecord, folded};
+use crate::peers::{LiftedEngine, PairTargets, SharedNetworks, ToneMapperRecord, folded};
 use crate::state::State;
 use crate::{NamedChoice, TrainError};
 
@@ -22,35 +22,28 @@ impl Trainer {
         let no_pair = |view: String| TrainError::NeedsPairs { method, view, reason: "has no captured image beside its radiance" };
         let recording = views.recording_at(of.step, of.index, crop)?.ok_or_else(|| no_pair(views.name(of.index).to_owned()))?;
         let view = view_of(views, state, lenses.as_ref(), of)?;
-        let splats = engine.splats()?;
-        let Some(raster) = engine.differentiable() else {
-            return Err(EngineError::invalid("this engine has no rasteriser with gradients").into());
-        };
-        let pair = PairStep { raster, splats: &splats, view, recording: &recording, config: &state.config, step };
-        let check = |report: &StepReport| match report.loss.is_finite() {
-            true => Ok(()),
+        let pair = PairTargets { view, recording: &recording, config: &state.config, loss: step.loss };
+        let check = |report: StepReport| match report.loss.is_finite() {
+            true => Ok(report),
             false => Err(TrainError::NotFinite { step: of.step, view: view.name.clone() }),
         };
-        let (report, gradients) = match &mut state.networks {
+        match &mut state.networks {
             Some(SharedNetworks::HdrGs(mappers)) => {
-                let found = pair.hdr_gs(mappers)?;
-                check(&found.report)?;
-                if let Some((tables, gradient)) = &found.tone {
-                    mappers.update(tables, gradient, state.config.tone_lr.into());
-                }
-                (found.report, found.splats)
+                let mut channels = pair.hdr_gs(mappers);
+                let report = check(engine.train_channels(&view.camera, &mut channels, step)?)?;
+                mappers.learn(&channels.gradients(), state.config.tone_lr.into());
+                Ok(report)
             }
             Some(SharedNetworks::MonoHdrGs(networks)) => {
-                let found = pair.mono_hdr_gs(networks)?;
-                check(&found.report)?;
+                let mut channels = pair.mono_hdr_gs(networks);
+                let report = check(engine.train_channels(&view.camera, &mut channels, step)?)?;
+                let found = channels.gradients();
                 networks.update(&found, &state.config);
                 lift.iter().for_each(|lift| lift.set(networks.lift.tables()));
-                (found.report, found.splats)
+                Ok(report)
             }
-            Some(SharedNetworks::GaussHdr(_)) | None => return Err(no_pair(view.name.clone())),
-        };
-        engine.apply_gradients(&gradients, step)?;
-        Ok(report)
+            Some(SharedNetworks::GaussHdr(_)) | None => Err(no_pair(view.name.clone())),
+        }
     }
 
     /// Returns the tone mappers of the method, or `None` if it has none.
@@ -75,8 +68,7 @@ pub fn snapshot_scene(snapshot: Snapshot) -> Result<Scene, TrainError> {
 }
 
 /// Loads the scene of a snapshot into an engine that renders the radiance to which its method lifts
-/// colours; `None` for a method that does not lift them. The engine must have a rasteriser with
-/// gradients.
+/// colours; `None` for a method that does not lift them. The engine must blend channels.
 ///
 /// # Errors
 /// [`TrainError::State`] if the state cannot be read; the engine's refusal of the splats.

@@ -1,0 +1,34 @@
+//! Numbers of items in blocks of sixteen, as small networks read them: row r of a block holds
+//! number r of its sixteen items.
+//!
+//! In and out: planes `[R, N]`. Degenerate: items behind the last one are 0.
+
+use rayon::prelude::*;
+
+use super::functions::LANES;
+
+/// `R` numbers of sixteen items.
+pub(super) type Block<const R: usize> = [[f32; LANES]; R];
+
+/// Blocks that a thread takes at once: 4096 items. A constant, on which sums depend.
+pub(super) const CHUNK: usize = 256;
+
+/// Reads planes.
+pub(super) fn from_planes<const R: usize>(planes: &[f32]) -> Vec<Block<R>> {
+    let len = planes.len() / R;
+    let mut blocks = vec![[[0.0; LANES]; R]; len.div_ceil(LANES)];
+    blocks.par_iter_mut().enumerate().with_min_len(CHUNK).for_each(|(n, block)| {
+        let (first, end) = (n * LANES, len.min((n + 1) * LANES));
+        for (r, row) in block.iter_mut().enumerate() {
+            row[..end - first].copy_from_slice(&planes[r * len + first..r * len + end]);
+        }
+    });
+    blocks
+}
+
+/// Writes rows `first..first + planes` of blocks to as many planes of `len` numbers.
+pub(super) fn to_planes<const R: usize>(blocks: &[Block<R>], first: usize, len: usize, planes: &mut [f32]) {
+    planes.par_chunks_mut(len.max(1)).enumerate().for_each(|(r, plane)| {
+        plane.chunks_mut(LANES).zip(blocks).for_each(|(out, block)| out.copy_from_slice(&block[first + r][..out.len()]));
+    });
+}
