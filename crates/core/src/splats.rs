@@ -1,5 +1,6 @@
 //! Gaussian splats as a structure of arrays, and Adam's moments in the same layout.
 
+use crate::engine::SplatArray;
 use crate::{ColorModel, EngineError};
 
 /// A set of N Gaussian splats.
@@ -160,6 +161,32 @@ impl Splats {
         self.color_model.base_luminance(self.sh_of(i), self.raw_luminance_of(i))
     }
 
+    /// Returns the values of an array, splat by splat.
+    pub fn array(&self, array: SplatArray) -> &[f32] {
+        match array {
+            SplatArray::Position => self.position.as_flattened(),
+            SplatArray::Rotation => self.rotation.as_flattened(),
+            SplatArray::LogScale => self.log_scale.as_flattened(),
+            SplatArray::OpacityLogit => &self.opacity_logit,
+            SplatArray::Sh => &self.sh,
+            SplatArray::RawLuminance => &self.raw_luminance,
+            SplatArray::Smoothing => &self.smoothing,
+        }
+    }
+
+    /// Returns the values of an array, splat by splat, to be changed.
+    pub fn array_mut(&mut self, array: SplatArray) -> &mut [f32] {
+        match array {
+            SplatArray::Position => self.position.as_flattened_mut(),
+            SplatArray::Rotation => self.rotation.as_flattened_mut(),
+            SplatArray::LogScale => self.log_scale.as_flattened_mut(),
+            SplatArray::OpacityLogit => &mut self.opacity_logit,
+            SplatArray::Sh => &mut self.sh,
+            SplatArray::RawLuminance => &mut self.raw_luminance,
+            SplatArray::Smoothing => &mut self.smoothing,
+        }
+    }
+
     /// Checks lengths and finiteness. Engines and writers may assume both.
     ///
     /// # Errors
@@ -169,37 +196,15 @@ impl Splats {
             return Err(SplatsError::ColorModel(self.color_model.name()));
         }
         let n = self.len();
-        let k = 3 * self.color_model.sh_coefficients();
-        let m = self.color_model.luminance_coefficients();
-        let smoothing = if self.smoothing.is_empty() { 0 } else { n };
-        let lengths = [
-            ("rotation", self.rotation.len() * 4, n * 4),
-            ("log_scale", self.log_scale.len() * 3, n * 3),
-            ("opacity_logit", self.opacity_logit.len(), n),
-            ("sh", self.sh.len(), n * k),
-            ("raw_luminance", self.raw_luminance.len(), n * m),
-            ("smoothing", self.smoothing.len(), smoothing),
-        ];
-        for (array, found, expected) in lengths {
+        let width = |array: SplatArray| array.width(self.color_model);
+        for array in SplatArray::ALL {
+            let found = self.array(array).len();
+            let expected = if array == SplatArray::Smoothing && found == 0 { 0 } else { n * width(array) };
             if found != expected {
-                return Err(SplatsError::Length { array, found, expected });
+                return Err(SplatsError::Length { array: array.name(), found, expected });
             }
         }
-        let finite: [(&'static str, &[f32], usize); 7] = [
-            ("position", self.position.as_flattened(), 3),
-            ("rotation", self.rotation.as_flattened(), 4),
-            ("log_scale", self.log_scale.as_flattened(), 3),
-            ("opacity_logit", &self.opacity_logit, 1),
-            ("sh", &self.sh, k),
-            ("raw_luminance", &self.raw_luminance, m),
-            ("smoothing", &self.smoothing, 1),
-        ];
-        for (array, values, width) in finite {
-            if let Some(at) = values.iter().position(|v| !v.is_finite()) {
-                return Err(SplatsError::NotFinite { array, splat: at / width.max(1) });
-            }
-        }
-        Ok(())
+        SplatArray::ALL.into_iter().try_for_each(|array| array.check_finite(self.array(array), width(array), 0))
     }
 }
 

@@ -12,15 +12,18 @@ mod screens;
 mod spare;
 mod state;
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{
-    ChannelSource, ChannelStep, DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, MomentFormat, SparseGradients,
-    StepConfig, check_channels,
+    ChannelSource, ChannelStep, DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, MomentFormat, SavedPart,
+    SparseGradients, SplatArray, StepConfig, check_channels, check_range,
 };
-use luxel_core::{Camera, Engine, EngineError, Image, Layers, Moments, PassTime, Remedy, RenderOptions, Splats, StepReport, View};
+use luxel_core::{
+    Camera, ColorModel, Engine, EngineError, Image, Layers, Moments, PassTime, Remedy, RenderOptions, Splats, StepReport, View,
+};
 
 use self::screens::SpareBuffers;
 use self::state::{RECORD_BYTES, State};
@@ -192,6 +195,22 @@ impl Engine for CpuEngine {
         Ok(self.pool.install(|| self.state.save()))
     }
 
+    fn save_array(&mut self, part: SavedPart, array: SplatArray, splats: Range<usize>) -> Result<Vec<f32>, EngineError> {
+        check_range(&splats, self.len())?;
+        Ok(self.pool.install(|| self.state.save_array(part, array, splats)))
+    }
+
+    fn replace_parameters(&mut self, splats: &Splats) -> Result<(), EngineError> {
+        splats.validate()?;
+        let (found, expected) = ((splats.len(), splats.color_model), (self.len(), self.state.parameters.layout.color_model));
+        if found != expected {
+            let of = |(count, model): (usize, ColorModel)| format!("{count} {} splats", model.name());
+            return Err(EngineError::invalid(format!("parameters are of {}, the scene has {}", of(found), of(expected))));
+        }
+        self.pool.install(|| self.state.replace_parameters(splats));
+        Ok(())
+    }
+
     fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {
         let camera = checked_camera(camera, options, &mut self.lenses)?;
         Ok(self.pool.install(|| self.state.render(&camera)))
@@ -264,6 +283,10 @@ impl Engine for CpuEngine {
     fn view_gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, SparseGradients), EngineError> {
         let camera = checked_view(view, step, &mut self.lenses)?;
         Ok(self.pool.install(|| self.state.view_gradients(&camera, view, step)))
+    }
+
+    fn reuse_gradients(&mut self, gradients: SparseGradients) {
+        self.state.reuse_gradients(gradients);
     }
 
     fn apply_gradients(&mut self, gradients: &SparseGradients, step: &StepConfig) -> Result<(), EngineError> {

@@ -6,6 +6,8 @@
 //! ([`crate::lanes::V::pack_moments`]). Zero is zero in either form, so pass `densify` moves both
 //! alike.
 
+use std::ops::Range;
+
 use luxel_core::Moments;
 use luxel_core::engine::{DensifyPlan, MomentFormat, ParameterRows};
 
@@ -81,6 +83,14 @@ impl MomentStore {
                 let [first, second] = [0, 1].map(|which| both.to_splats_by(|value| unpacked(value)[which]));
                 Moments { first, second }
             }
+        }
+    }
+
+    /// Returns rows of the first or the second moments of some splats, splat by splat.
+    pub(crate) fn rows_of(&self, is_second: bool, rows: Range<usize>, splats: Range<usize>) -> Vec<f32> {
+        match self {
+            Self::Full { first, second } => if is_second { second } else { first }.rows_of(rows, splats, |value| value),
+            Self::Packed(both) => both.rows_of(rows, splats, |value| unpacked(value)[usize::from(is_second)]),
         }
     }
 

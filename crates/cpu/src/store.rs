@@ -6,6 +6,8 @@
 //! channel), raw luminance M. Lanes beyond the last splat hold arbitrary values and are never read
 //! as splats.
 
+use std::ops::Range;
+
 use luxel_core::engine::ParameterRows;
 use luxel_core::{Moments, Splats};
 
@@ -49,11 +51,16 @@ impl Store {
 
     /// Copies splats into blocks.
     pub(crate) fn from_splats(splats: &Splats) -> Self {
-        let layout = ParameterRows { color_model: splats.color_model };
-        let mut store = Self::zeros(layout, splats.len());
-        let rows = layout.count();
-        for i in 0..splats.len() {
-            let block = &mut store.lanes[i / LANES * rows..][..rows];
+        let mut store = Self::zeros(ParameterRows { color_model: splats.color_model }, splats.len());
+        store.fill_from(splats);
+        store
+    }
+
+    /// Copies splats of this number and colour model into the blocks.
+    pub(crate) fn fill_from(&mut self, splats: &Splats) {
+        let rows = self.layout.count();
+        for i in 0..self.count {
+            let block = &mut self.lanes[i / LANES * rows..][..rows];
             let lane = i % LANES;
             let parameters = splats.position[i]
                 .iter()
@@ -66,7 +73,6 @@ impl Store {
                 row.0[lane] = *value;
             }
         }
-        store
     }
 
     /// Copies the blocks back to splats, without the 3D filter.
@@ -96,6 +102,19 @@ impl Store {
             }
         }
         splats
+    }
+
+    /// Returns rows of some splats, splat by splat, with each number mapped by `map`.
+    pub(crate) fn rows_of(&self, rows: Range<usize>, splats: Range<usize>, map: impl Fn(f32) -> f32) -> Vec<f32> {
+        let mut values = Vec::with_capacity(rows.len() * splats.len());
+        let blocks = self.lanes.chunks_exact(self.layout.count()).enumerate();
+        for (n, block) in blocks.take(self::blocks(splats.end)).skip(splats.start / LANES) {
+            let rows = &block[rows.clone()];
+            for lane in (0..LANES).filter(|lane| splats.contains(&(n * LANES + lane))) {
+                values.extend(rows.iter().map(|row| map(row.0[lane])));
+            }
+        }
+        values
     }
 
     /// Returns the layout and the number of splats.

@@ -1,9 +1,13 @@
 //! A field as an engine that renders: evaluation, rendering and measurements of speed ask any
 //! engine for images. All that is about splats is refused.
 
+use std::ops::Range;
+
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
-use luxel_core::engine::{DensifyPlan, DensifyStats, Engine, EngineError, Geometry, PassTime, StepConfig, StepReport};
+use luxel_core::engine::{
+    DensifyPlan, DensifyStats, Engine, EngineError, Geometry, PassTime, SavedPart, SplatArray, StepConfig, StepReport,
+};
 use luxel_core::{Camera, Image, Layers, Moments, RenderOptions, Splats, View};
 
 use crate::error::FieldError;
@@ -50,6 +54,10 @@ impl Engine for FieldEngine {
     }
 
     fn save(&mut self) -> Result<(Splats, Moments), EngineError> {
+        no_splats()
+    }
+
+    fn save_array(&mut self, _: SavedPart, _: SplatArray, _: Range<usize>) -> Result<Vec<f32>, EngineError> {
         no_splats()
     }
 

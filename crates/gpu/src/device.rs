@@ -198,19 +198,27 @@ impl Gpu {
 
     /// Reads the first `bytes` of a buffer.
     pub(crate) fn read(&self, buffer: &Buffer, bytes: u64) -> Result<Vec<u8>, EngineError> {
-        if bytes == 0 {
+        let mut out = self.read_parts(buffer, &[0], bytes.next_multiple_of(4).min(buffer.raw.size()))?;
+        out.truncate(bytes as usize);
+        Ok(out)
+    }
+
+    /// Downloads parts of `buffer`, of `bytes` bytes each, one behind the other. Offsets and lengths
+    /// are multiples of 4.
+    pub(crate) fn read_parts(&self, buffer: &Buffer, offsets: &[u64], bytes: u64) -> Result<Vec<u8>, EngineError> {
+        if bytes == 0 || offsets.is_empty() {
             return Ok(Vec::new());
         }
         let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
-        let staging = self.buffer("read-back", bytes, usage)?;
+        let staging = self.buffer("read-back", bytes * offsets.len() as u64, usage)?;
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        encoder.copy_buffer_to_buffer(&buffer.raw, 0, &staging.raw, 0, bytes.next_multiple_of(4).min(buffer.raw.size()));
+        for (n, offset) in (0..).zip(offsets) {
+            encoder.copy_buffer_to_buffer(&buffer.raw, *offset, &staging.raw, n * bytes, bytes);
+        }
         let submission = self.queue.submit([encoder.finish()]);
         staging.raw.slice(..).map_async(wgpu::MapMode::Read, |_| {});
         self.wait(submission)?;
-        let mut out = mapped(&staging.raw, self)?;
-        out.truncate(bytes as usize);
-        Ok(out)
+        mapped(&staging.raw, self)
     }
 }
 

@@ -7,6 +7,8 @@
 //! bindings need one shard; where a binding is at most 128 MiB, a shard holds about half a million
 //! splats.
 
+use std::ops::Range;
+
 use luxel_core::engine::{DensifyStats, Geometry, ParameterRows};
 use luxel_core::{ColorModel, EngineError, Moments, Remedy, Splats};
 
@@ -100,6 +102,33 @@ impl GpuScene {
             shard.store_rows(self.rows, &floats(&gpu.read(pick(n, shard), bytes)?), &mut splats);
         }
         Ok(splats)
+    }
+
+    /// Downloads an array of some splats, splat by splat, from the buffer of each shard that `pick`
+    /// chooses.
+    pub(crate) fn download_array(
+        &self,
+        gpu: &Gpu,
+        pick: fn(&Shard) -> &Buffer,
+        rows: Range<usize>,
+        splats: &Range<usize>,
+    ) -> Result<Vec<f32>, EngineError> {
+        let (first, width) = (splats.start, rows.len());
+        let mut values = vec![0.0; width * splats.len()];
+        for shard in &self.shards {
+            let own = splats.start.max(shard.base)..splats.end.min(shard.base + shard.len);
+            if own.is_empty() || width == 0 {
+                continue;
+            }
+            let offset = |row: usize| 4 * (row * shard.stride + own.start - shard.base) as u64;
+            let offsets: Vec<u64> = rows.clone().map(offset).collect();
+            let found = floats(&gpu.read_parts(pick(shard), &offsets, 4 * own.len() as u64)?);
+            for (row, found) in found.chunks_exact(own.len()).enumerate() {
+                let to = values[(own.start - first) * width..].iter_mut().skip(row).step_by(width);
+                to.zip(found).for_each(|(to, value)| *to = *value);
+            }
+        }
+        Ok(values)
     }
 
     /// Downloads the 3D filter; empty if the scene has none.

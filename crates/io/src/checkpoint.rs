@@ -6,15 +6,17 @@
 //! 0]; last, where the run averages its parameters and has begun to, `average` with the arrays of
 //! `splats`. Everything else is in the metadata, in JSON where it is not a single word. A BLAKE3
 //! digest over metadata, names, shapes and values detects a damaged file. Files are
-//! written whole or not at all, and equal snapshots give equal bytes. Values are moved in small
-//! pieces: neither writing nor reading holds a second copy of the snapshot.
+//! written whole or not at all, and equal states give equal bytes. Values are moved in small
+//! pieces: a run that is saved is not copied, and reading holds no second copy of the snapshot.
 
 use std::collections::BTreeMap;
 use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
 use luxel_core::engine::DensifyStats;
-use luxel_core::{ColorModel, ColorSpace, Moments, RadianceScale, RasterConfig, Scene, Similarity, Snapshot, Splats};
+use luxel_core::{
+    ColorModel, ColorSpace, EngineError, Moments, RadianceScale, RasterConfig, SavedState, Scene, Similarity, Snapshot, Splats,
+};
 use safetensors::tensor::{Dtype, Metadata, TensorInfo};
 use serde::Serialize;
 
@@ -57,20 +59,34 @@ struct Head<'a> {
 /// # Errors
 /// Arrays of wrong lengths, splats that are not finite, or the file system's refusal; older files
 /// are untouched.
-pub fn write_checkpoint(path: &Path, snapshot: &Snapshot) -> Result<(), IoError> {
-    check(snapshot).map_err(|message| IoError::invalid(path, format_args!("checkpoint to write: {message}")))?;
-    write_atomically(path, |file| write(snapshot, file).map_err(|e| IoError::system(path, "write", &e)))
+pub fn write_checkpoint(path: &Path, mut state: impl SavedState) -> Result<(), IoError> {
+    check(&mut state).map_err(|e| invalid(path, &e))?;
+    write_atomically(path, |file| write(&mut state, file).map_err(|e| refused(path, &e)))
 }
 
 /// Encodes the bytes that [`write_checkpoint`] writes; `name` is for errors.
 ///
 /// # Errors
 /// The same as [`write_checkpoint`].
-pub fn encode_checkpoint(name: &Path, snapshot: &Snapshot) -> Result<Vec<u8>, IoError> {
-    check(snapshot).map_err(|message| IoError::invalid(name, format_args!("checkpoint to write: {message}")))?;
+pub fn encode_checkpoint(name: &Path, mut state: impl SavedState) -> Result<Vec<u8>, IoError> {
+    check(&mut state).map_err(|e| invalid(name, &e))?;
     let mut bytes = Vec::new();
-    write(snapshot, &mut bytes).map_err(|e| IoError::system(name, "write", &e))?;
+    write(&mut state, &mut bytes).map_err(|e| refused(name, &e))?;
     Ok(bytes)
+}
+
+fn invalid(path: &Path, reason: impl std::fmt::Display) -> IoError {
+    IoError::invalid(path, format_args!("checkpoint to write: {reason}"))
+}
+
+/// Returns the error of writing: the system's, or what is wrong with the state.
+fn refused(path: &Path, error: &std::io::Error) -> IoError {
+    let of_engine = error.get_ref().and_then(|inner| inner.downcast_ref::<EngineError>());
+    match (of_engine.and_then(EngineError::remedy), error.kind()) {
+        (Some(remedy), _) => invalid(path, error).with_remedy(remedy.clone()),
+        (None, std::io::ErrorKind::Other) if error.raw_os_error().is_none() => invalid(path, error),
+        (None, _) => IoError::system(path, "write", error),
+    }
 }
 
 /// Reads a checkpoint.
@@ -90,47 +106,41 @@ pub fn decode_checkpoint(name: &Path, bytes: &[u8]) -> Result<Snapshot, IoError>
     read(name, bytes, bytes.len() as u64)
 }
 
-/// Checks that the snapshot can be read back.
-fn check(snapshot: &Snapshot) -> Result<(), String> {
-    let splats = &snapshot.scene.splats;
-    splats.validate().map_err(|e| e.to_string())?;
-    if !is_usable(&snapshot.scene.raster) {
-        return Err(format!("raster configuration {:?}, expected cut-offs of 0 to 1 and 1 to 4 samples", snapshot.scene.raster));
+/// Checks what can be checked before the values are read.
+fn check(state: &mut impl SavedState) -> Result<(), String> {
+    let (count, scene) = (state.splat_count(), state.scene());
+    if !scene.splats.color_model.is_valid() {
+        return Err(format!("no colour model: {}", scene.splats.color_model.name()));
     }
-    let (first, second) = (&snapshot.moments.first, &snapshot.moments.second);
-    let average = snapshot.average.iter().map(|average| ("the average is", average));
-    for (name, found) in [("first moments are", first), ("second moments are", second)].into_iter().chain(average) {
-        if found.color_model != splats.color_model {
-            return Err(format!("{name} of model {}, expected {}", found.color_model.name(), splats.color_model.name()));
-        }
+    if !is_usable(&scene.raster) {
+        return Err(format!("raster configuration {:?}, expected cut-offs of 0 to 1 and 1 to 4 samples", scene.raster));
     }
-    let count = splats.len();
-    for tensor in tensors_of(snapshot) {
-        let expected = tensor.shape.iter().product::<usize>();
-        let is_optional = tensor.is_optional && tensor.values.is_empty();
-        if tensor.values.len() != expected && !is_optional {
-            return Err(format!("{} has {} values, expected {expected} for {count} splats", tensor.name, tensor.values.len()));
-        }
+    let DensifyStats { gradient, abs_gradient, views } = state.stats();
+    let lengths = [("gradient", gradient.len()), ("abs_gradient", abs_gradient.len()), ("views", views.len())];
+    match lengths.into_iter().find(|(_, len)| *len != 0 && *len != count) {
+        Some((name, len)) => Err(format!("stats.{name} has {len} values, expected {count} for {count} splats")),
+        None => Ok(()),
     }
-    Ok(())
 }
 
-fn write<W: Write + ?Sized>(snapshot: &Snapshot, out: &mut W) -> std::io::Result<()> {
-    let tensors = tensors_of(snapshot);
-    let mut metadata = metadata_of(snapshot)?;
+/// Writes a state. Its values are read twice: the digest stands before them.
+fn write<W: Write + ?Sized>(state: &mut impl SavedState, out: &mut W) -> std::io::Result<()> {
+    let tensors = tensors_of(state)?;
+    let mut metadata = metadata_of(state)?;
     let mut digest = Digest::of_metadata(&metadata);
     let mut infos = BTreeMap::new();
     let mut offset = 0;
     for tensor in &tensors {
-        let length = 4 * tensor.values.len();
-        let shape = if tensor.values.is_empty() && tensor.is_optional { vec![0] } else { tensor.shape.clone() };
-        digest.tensor(&tensor.name, &shape);
-        tensor.values.for_each_piece(|bytes| {
+        let length = 4 * tensor.len();
+        digest.tensor(&tensor.name, &tensor.shape);
+        tensor.for_each_piece(state, |bytes| {
             digest.bytes(bytes);
             Ok(())
         })?;
-        let dtype = tensor.values.dtype();
-        infos.insert(tensor.name.as_str(), TensorInfo { dtype, shape, data_offsets: (offset, offset + length) });
+        infos.insert(
+            tensor.name.as_str(),
+            TensorInfo { dtype: tensor.dtype(), shape: tensor.shape.clone(), data_offsets: (offset, offset + length) },
+        );
         offset += length;
     }
     metadata.insert(DIGEST_KEY, digest.finish());
@@ -141,20 +151,20 @@ fn write<W: Write + ?Sized>(snapshot: &Snapshot, out: &mut W) -> std::io::Result
     }
     out.write_all(&(head.len() as u64).to_le_bytes())?;
     out.write_all(&head)?;
-    tensors.iter().try_for_each(|tensor| tensor.values.for_each_piece(|bytes| out.write_all(bytes)))
+    tensors.iter().try_for_each(|tensor| tensor.for_each_piece(state, |bytes| out.write_all(bytes)))
 }
 
-fn metadata_of(snapshot: &Snapshot) -> std::io::Result<BTreeMap<&'static str, String>> {
-    let scene = &snapshot.scene;
+fn metadata_of(state: &impl SavedState) -> std::io::Result<BTreeMap<&'static str, String>> {
+    let scene = state.scene();
     let mut metadata = BTreeMap::from([
         ("format", FORMAT_NAME.to_owned()),
         ("version", FORMAT_VERSION.to_owned()),
-        ("splats", scene.splats.len().to_string()),
+        ("splats", state.splat_count().to_string()),
         ("color_model", serde_json::to_string(&scene.splats.color_model)?),
         ("color_space", scene.color_space.name().to_owned()),
         ("radiance_scale", format!("{:e}", scene.radiance_scale)),
         ("raster", serde_json::to_string(&scene.raster)?),
-        ("state", snapshot.state_json.clone()),
+        ("state", state.state_json().to_owned()),
     ]);
     if let Some(frame) = LocalFrame::from_similarity(&scene.world_from_local) {
         metadata.insert(FRAME_KEY, serde_json::to_string(&frame)?);

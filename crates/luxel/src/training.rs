@@ -295,8 +295,8 @@ impl Training {
     /// # Errors
     /// The file system's refusal, a device that gave up.
     pub fn checkpoint(&mut self, path: impl AsRef<Path>) -> Result<()> {
-        let snapshot = self.trainer.snapshot()?;
-        luxel_io::write_checkpoint(path.as_ref(), &snapshot).context("cannot write the checkpoint")
+        let state = self.trainer.saved_state()?;
+        luxel_io::write_checkpoint(path.as_ref(), state).context("cannot write the checkpoint")
     }
 
     /// Returns the scene as it stands.

@@ -4,7 +4,7 @@
 //! first, as MPI wants to know them. MPI counts words in 32 bits, so what a rank sends or receives
 //! in one operation is limited to 2^31 words, 8 GiB; more is an error.
 
-use luxel_core::{Exchange, ExchangeError};
+use luxel_core::{Exchange, ExchangeError, Messages};
 use mpi::datatype::{Partition, PartitionMut};
 use mpi::environment::Universe;
 use mpi::topology::SimpleCommunicator;
@@ -61,14 +61,14 @@ struct MpiExchange {
 }
 
 /// Returns the displacements of messages of these lengths, one behind the other.
-fn displacements(counts: &[Count]) -> Result<(Vec<Count>, usize), ExchangeError> {
+fn displacements(counts: &[Count]) -> Result<Vec<Count>, ExchangeError> {
     let mut end: Count = 0;
     let mut starts = Vec::with_capacity(counts.len());
     for count in counts {
         starts.push(end);
         end = end.checked_add(*count).ok_or_else(too_large)?;
     }
-    Ok((starts, end as usize))
+    Ok(starts)
 }
 
 fn too_large() -> ExchangeError {
@@ -77,17 +77,6 @@ fn too_large() -> ExchangeError {
 
 fn count_of(message: &[u32]) -> Result<Count, ExchangeError> {
     Count::try_from(message.len()).map_err(|_| too_large())
-}
-
-/// Cuts received words into the messages of the ranks.
-fn messages(words: &[u32], counts: &[Count]) -> Vec<Vec<u32>> {
-    let mut rest = words;
-    let next = |count: &Count| {
-        let (message, behind) = rest.split_at(*count as usize);
-        rest = behind;
-        message.to_vec()
-    };
-    counts.iter().map(next).collect()
 }
 
 impl Exchange for MpiExchange {
@@ -99,30 +88,27 @@ impl Exchange for MpiExchange {
         self.ranks
     }
 
-    fn all_to_all(&mut self, parts: Vec<Vec<u32>>) -> Result<Vec<Vec<u32>>, ExchangeError> {
+    fn all_to_all(&mut self, messages: &Messages, received: &mut Messages) -> Result<(), ExchangeError> {
         let world = SimpleCommunicator::world();
-        let counts: Vec<Count> = parts.iter().map(|part| count_of(part)).collect::<Result<_, _>>()?;
+        let counts: Vec<Count> = messages.iter().map(count_of).collect::<Result<_, _>>()?;
         let mut incoming = vec![0 as Count; self.ranks];
         world.all_to_all_into(&counts[..], &mut incoming[..]);
-        let (starts, _) = displacements(&counts)?;
-        let (incoming_starts, len) = displacements(&incoming)?;
-        let words = parts.concat();
-        drop(parts);
-        let mut received = vec![0u32; len];
-        let send = Partition::new(&words[..], counts, starts);
-        let mut receive = PartitionMut::new(&mut received[..], incoming.as_slice(), incoming_starts);
+        let (starts, incoming_starts) = (displacements(&counts)?, displacements(&incoming)?);
+        let words = received.receive(incoming.iter().map(|count| *count as usize));
+        let send = Partition::new(messages.words(), counts, starts);
+        let mut receive = PartitionMut::new(words, incoming, incoming_starts);
         world.all_to_all_varcount_into(&send, &mut receive);
-        Ok(messages(&received, &incoming))
+        Ok(())
     }
 
-    fn all_gather(&mut self, message: &[u32]) -> Result<Vec<Vec<u32>>, ExchangeError> {
+    fn all_gather_into(&mut self, message: &[u32], received: &mut Messages) -> Result<(), ExchangeError> {
         let world = SimpleCommunicator::world();
         let mut counts = vec![0 as Count; self.ranks];
         world.all_gather_into(&count_of(message)?, &mut counts[..]);
-        let (starts, len) = displacements(&counts)?;
-        let mut received = vec![0u32; len];
-        let mut receive = PartitionMut::new(&mut received[..], counts.as_slice(), starts);
+        let starts = displacements(&counts)?;
+        let words = received.receive(counts.iter().map(|count| *count as usize));
+        let mut receive = PartitionMut::new(words, counts, starts);
         world.all_gather_varcount_into(message, &mut receive);
-        Ok(messages(&received, &counts))
+        Ok(())
     }
 }

@@ -5,7 +5,11 @@
 //! Izmailov et al. 2018). Every parameter is averaged as it is stored: logarithms, logits and
 //! quaternions. The quaternions neither flip nor turn far within these steps.
 
-use luxel_core::Splats;
+use luxel_core::engine::{SavedPart, SplatArray};
+use luxel_core::{Engine, EngineError, Splats};
+
+/// Splats whose values are asked for at a time.
+const PIECE_SPLATS: usize = 1 << 14;
 
 /// A running mean.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,25 +25,27 @@ impl Average {
         Self { mean, count: count.max(1) }
     }
 
-    /// Adds one more state of the same splats to the mean. The smoothing filter is not a parameter;
-    /// the newest state's is kept.
-    pub(crate) fn add(&mut self, splats: Splats) {
+    /// Adds the state of an engine, of the same splats, to the mean. The smoothing filter is not a
+    /// parameter; the newest state's is kept.
+    ///
+    /// # Errors
+    /// Those of the engine.
+    pub(crate) fn add(&mut self, engine: &mut dyn Engine) -> Result<(), EngineError> {
         self.count = self.count.saturating_add(1);
         let weight = 1.0 / self.count as f32;
-        let Self { mean, .. } = self;
-        for (mean, values) in [
-            (mean.position.as_flattened_mut(), splats.position.as_flattened()),
-            (mean.rotation.as_flattened_mut(), splats.rotation.as_flattened()),
-            (mean.log_scale.as_flattened_mut(), splats.log_scale.as_flattened()),
-            (&mut mean.opacity_logit, &splats.opacity_logit),
-            (&mut mean.sh, &splats.sh),
-            (&mut mean.raw_luminance, &splats.raw_luminance),
-        ] {
-            for (mean, value) in mean.iter_mut().zip(values) {
-                *mean += (value - *mean) * weight;
+        let (count, color_model) = (self.mean.len(), self.mean.color_model);
+        for array in SplatArray::ALL.into_iter().filter(|array| *array != SplatArray::Smoothing) {
+            for first in (0..count).step_by(PIECE_SPLATS) {
+                let splats = first..count.min(first + PIECE_SPLATS);
+                let at = first * array.width(color_model);
+                let values = engine.save_array(SavedPart::Parameters, array, splats)?;
+                for (mean, value) in self.mean.array_mut(array).iter_mut().skip(at).zip(values) {
+                    *mean += (value - *mean) * weight;
+                }
             }
         }
-        mean.smoothing = splats.smoothing;
+        self.mean.smoothing = engine.save_array(SavedPart::Parameters, SplatArray::Smoothing, 0..count)?;
+        Ok(())
     }
 
     /// Returns the mean so far.
@@ -56,6 +62,7 @@ impl Average {
 #[cfg(test)]
 mod tests {
     use luxel_core::{ColorModel, Moments};
+    use luxel_cpu::CpuEngine;
 
     use super::*;
 
@@ -68,11 +75,17 @@ mod tests {
         splats
     }
 
+    fn add(average: &mut Average, value: f32) {
+        let mut engine = CpuEngine::new(1).unwrap();
+        engine.load(&state(value), None).unwrap();
+        average.add(&mut engine).unwrap();
+    }
+
     #[test]
     fn the_mean_is_that_of_all_states() {
         let mut average = Average::new(state(1.0), 1);
         for value in [2.0, 6.0, 3.0] {
-            average.add(state(value));
+            add(&mut average, value);
         }
         assert_eq!(average.count(), 4);
         let mean = average.mean();
@@ -83,10 +96,10 @@ mod tests {
     #[test]
     fn a_saved_mean_continues() {
         let mut whole = Average::new(state(1.0), 1);
-        whole.add(state(2.0));
+        add(&mut whole, 2.0);
         let mut resumed = Average::new(whole.mean().clone(), whole.count());
         for average in [&mut whole, &mut resumed] {
-            average.add(state(0.25));
+            add(average, 0.25);
         }
         assert_eq!(whole, resumed);
     }

@@ -55,7 +55,7 @@ pub use resolution::{ResolutionSchedule, Stage};
 pub use schedule::{ABSGRAD_OPACITY_CAP, RESET_OPACITY, Schedule};
 pub use smoothing::smoothing;
 pub use state::{snapshot_config, snapshot_response, snapshot_vignetting};
-pub use trainer::{Trainer, lifted_engine, snapshot_scene};
+pub use trainer::{RunState, Trainer, lifted_engine, snapshot_scene};
 pub use vignetting::LensVignetting;
 
 /// The example of the crate's README, compiled as a doc test.

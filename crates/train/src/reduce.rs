@@ -1,6 +1,6 @@
-//! The sum of a batch's gradients over slots, within a process and over ranks.
+//! The mean of a batch's gradients over slots, within a process and over ranks.
 //!
-//! In: the gradients of the slots that this rank computes. Out: their sum over all slots, on every
+//! In: the gradients of the slots that this rank computes. Out: their mean over all slots, on every
 //! rank. Sums follow a binary tree over the slots: of `n` slots, the largest power of two below `n`
 //! is one half. Which rank adds two numbers does not change them, so the sum has the same bits for
 //! any number of ranks, and for one process.
@@ -13,8 +13,8 @@
 
 use std::ops::Range;
 
-use luxel_core::engine::{ParameterRows, SparseGradients};
-use luxel_core::{Exchange, ExchangeError};
+use luxel_core::engine::{ParameterRows, SPLATS_PER_BLOCK, STATISTICS_ROWS, SparseGradients, SparsePart};
+use luxel_core::{Exchange, ExchangeError, Messages};
 use rayon::prelude::*;
 
 use crate::TrainError;
@@ -92,12 +92,12 @@ fn collect_nodes(node: Range<usize>, own: &Range<usize>, nodes: &mut Vec<Range<u
 /// The gradients of a node of the tree.
 struct Node<'a> {
     slots: Range<usize>,
-    gradients: &'a SparseGradients,
+    gradients: SparsePart<'a>,
 }
 
 /// The tree of a sum, with the gradients of some of its nodes as leaves.
 enum Tree<'a> {
-    Leaf(&'a SparseGradients),
+    Leaf(SparsePart<'a>),
     Pair(Box<Tree<'a>>, Box<Tree<'a>>),
 }
 
@@ -114,22 +114,13 @@ impl<'a> Tree<'a> {
         Some(Self::Pair(Self::of(node.start..middle, leaves)?.into(), Self::of(middle..node.end, leaves)?.into()))
     }
 
-    /// Returns the sum of all leaves.
-    fn sum(&self, rows: ParameterRows) -> SparseGradients {
+    /// Returns the numbers of the blocks of any leaf, ascending.
+    fn blocks(&self) -> Vec<u32> {
         let mut blocks = Vec::new();
         self.collect_blocks(&mut blocks);
         blocks.sort_unstable();
         blocks.dedup();
-        let mut sum = SparseGradients::none(rows);
-        sum.reserve(blocks.len());
-        blocks.iter().for_each(|block| {
-            sum.push(*block);
-        });
-        let block_len = sum.block_len();
-        sum.values_mut().par_chunks_exact_mut(block_len).zip(&blocks).with_min_len(64).for_each(|(out, block)| {
-            self.write_block(*block, out);
-        });
-        sum
+        blocks
     }
 
     fn collect_blocks(&self, blocks: &mut Vec<u32>) {
@@ -166,54 +157,105 @@ impl<'a> Tree<'a> {
             }
         }
     }
+
+    /// Writes the sums of these blocks, of which each leaf has some.
+    fn write_blocks(&self, blocks: &[u32], block_len: usize, out: &mut [f32], finish: impl Fn(&mut [f32]) + Sync) {
+        out.par_chunks_exact_mut(block_len).zip(blocks).with_min_len(64).for_each(|(out, block)| {
+            self.write_block(*block, out);
+            finish(out);
+        });
+    }
+
+    /// Appends the sum of all leaves to a message, as [`SparsePart::write`] does.
+    fn write(&self, shape: BlockShape, message: &mut Vec<u32>, finish: impl Fn(&mut [f32]) + Sync) {
+        if let Self::Leaf(part) = self {
+            part.write(message);
+            let start = message.len() - part.blocks().len() * shape.block_len();
+            let values: &mut [f32] = bytemuck::cast_slice_mut(&mut message[start..]);
+            values.par_chunks_exact_mut(shape.block_len()).with_min_len(64).for_each(&finish);
+            return;
+        }
+        let blocks = self.blocks();
+        message.push(blocks.len() as u32);
+        message.extend_from_slice(&blocks);
+        let start = message.len();
+        message.resize(start + blocks.len() * shape.block_len(), 0);
+        self.write_blocks(&blocks, shape.block_len(), bytemuck::cast_slice_mut(&mut message[start..]), finish);
+    }
 }
 
-/// Returns the sum of the gradients of all slots. `own` has those of this rank's slots, in their
-/// order; the scene has `blocks` blocks.
-///
-/// # Errors
-/// Ranks that cannot exchange data.
-pub(crate) fn sum_over_slots(
-    exchange: &mut dyn Exchange,
-    slots: Slots,
-    own: &[SparseGradients],
-    scene: BlockShape,
-) -> Result<SparseGradients, TrainError> {
-    let BlockShape { rows, blocks } = scene;
-    let leaf = |(slot, gradients)| Node { slots: slot..slot + 1, gradients };
-    let leaves: Vec<Node<'_>> = slots.of_rank(exchange.rank()).zip(own).map(leaf).collect();
-    if slots.ranks == 1 {
-        return Ok(tree_of(0..slots.batch, &leaves)?.sum(rows));
+/// The mean of a batch's gradients, with the memory that its messages take from step to step.
+pub(crate) struct BatchMean {
+    sent: Messages,
+    received: Messages,
+    share: Vec<u32>,
+    mean: SparseGradients,
+}
+
+impl BatchMean {
+    pub(crate) fn new(rows: ParameterRows) -> Self {
+        Self { sent: Messages::default(), received: Messages::default(), share: Vec::new(), mean: SparseGradients::none(rows) }
     }
-    let partial: Vec<SparseGradients> =
-        slots.nodes(exchange.rank()).into_iter().map(|node| Ok(tree_of(node, &leaves)?.sum(rows))).collect::<Result<_, TrainError>>()?;
-    let share = |rank: usize| {
-        let start = |rank: usize| (u64::from(blocks) * rank as u64 / slots.ranks as u64) as u32;
-        start(rank)..start(rank + 1)
-    };
-    let message = |rank: usize| {
-        let mut message = Vec::new();
-        partial.iter().for_each(|gradients| gradients.write_part(&share(rank), &mut message));
-        message
-    };
-    let messages: Vec<Vec<u32>> = (0..slots.ranks).into_par_iter().map(message).collect();
-    drop(partial);
-    let received = exchange.all_to_all(messages)?;
-    let mut parts = Vec::new();
-    for (rank, message) in received.iter().enumerate() {
-        let mut message = &**message;
-        for node in slots.nodes(rank) {
-            parts.push((node, SparseGradients::read_part(rows, &mut message).ok_or_else(|| lost("gradients"))?));
+
+    /// Returns the mean of the gradients of all slots; statistics are summed. `own` has those of this
+    /// rank's slots, in their order; the scene has `blocks` blocks.
+    ///
+    /// # Errors
+    /// Ranks that cannot exchange data.
+    pub(crate) fn of(
+        &mut self,
+        exchange: &mut dyn Exchange,
+        slots: Slots,
+        own: &[SparseGradients],
+        shape: BlockShape,
+    ) -> Result<&SparseGradients, TrainError> {
+        let (parameters_len, factor) = (shape.rows.count() * SPLATS_PER_BLOCK, 1.0 / slots.batch as f32);
+        let divide = |block: &mut [f32]| block.iter_mut().take(parameters_len).for_each(|value| *value *= factor);
+        let own_rank = exchange.rank();
+        // Gradients of this rank's slots in a range of blocks.
+        let own_leaves = |range: &Range<u32>| -> Vec<Node<'_>> {
+            let slots = slots.of_rank(own_rank).zip(own);
+            slots.map(|(slot, gradients)| Node { slots: slot..slot + 1, gradients: gradients.part(range) }).collect()
+        };
+        if slots.ranks == 1 {
+            let leaves = own_leaves(&(0..shape.blocks));
+            let tree = tree_of(0..slots.batch, &leaves)?;
+            let blocks = tree.blocks();
+            self.mean.restart(shape.rows, &blocks);
+            tree.write_blocks(&blocks, shape.block_len(), self.mean.values_mut(), divide);
+            return Ok(&self.mean);
         }
+        let share = |rank: usize| {
+            let start = |rank: usize| (u64::from(shape.blocks) * rank as u64 / slots.ranks as u64) as u32;
+            start(rank)..start(rank + 1)
+        };
+        self.sent.clear();
+        for rank in 0..slots.ranks {
+            let leaves = own_leaves(&share(rank));
+            let nodes = if rank == own_rank { Vec::new() } else { slots.nodes(own_rank) };
+            let trees: Vec<Tree<'_>> = nodes.into_iter().map(|node| tree_of(node, &leaves)).collect::<Result<_, _>>()?;
+            self.sent.push_by(|message| trees.iter().for_each(|tree| tree.write(shape, message, |_| ())));
+        }
+        exchange.all_to_all(&self.sent, &mut self.received)?;
+        let mut received_words = self.received.words().len();
+        let mut leaves = own_leaves(&share(own_rank));
+        for (rank, mut message) in self.received.iter().enumerate().filter(|(rank, _)| *rank != own_rank) {
+            for slots in slots.nodes(rank) {
+                let gradients = SparsePart::read(shape.rows, &mut message).ok_or_else(|| lost("gradients"))?;
+                leaves.push(Node { slots, gradients });
+            }
+        }
+        self.share.clear();
+        tree_of(0..slots.batch, &leaves)?.write(shape, &mut self.share, divide);
+        exchange.all_gather_into(&self.share, &mut self.received)?;
+        received_words += self.received.words().len() - self.share.len();
+        self.mean.restart(shape.rows, &[]);
+        for mut message in self.received.iter() {
+            self.mean.extend(SparsePart::read(shape.rows, &mut message).ok_or_else(|| lost("sums"))?);
+        }
+        tracing::trace!(received_bytes = 4 * received_words, "gradients exchanged");
+        Ok(&self.mean)
     }
-    let leaves: Vec<Node<'_>> = parts.iter().map(|(node, gradients)| Node { slots: node.clone(), gradients }).collect();
-    let mut message = Vec::new();
-    tree_of(0..slots.batch, &leaves)?.sum(rows).write_part(&(0..blocks), &mut message);
-    let mut sum = SparseGradients::none(rows);
-    for message in exchange.all_gather(&message)? {
-        sum.extend(&SparseGradients::read_part(rows, &mut &*message).ok_or_else(|| lost("sums"))?);
-    }
-    Ok(sum)
 }
 
 /// Returns the tree of a node over these leaves.
@@ -227,6 +269,12 @@ pub(crate) struct BlockShape {
     pub(crate) rows: ParameterRows,
     /// Number of blocks of the scene.
     pub(crate) blocks: u32,
+}
+
+impl BlockShape {
+    fn block_len(self) -> usize {
+        (self.rows.count() + STATISTICS_ROWS) * SPLATS_PER_BLOCK
+    }
 }
 
 /// Returns the error of ranks that are not in step.
@@ -253,6 +301,10 @@ mod tests {
         gradients
     }
 
+    fn mean(exchange: &mut dyn Exchange, slots: Slots, own: &[SparseGradients]) -> SparseGradients {
+        BatchMean::new(SCENE.rows).of(exchange, slots, own, SCENE).unwrap().clone()
+    }
+
     #[test]
     fn slots_are_divided_without_gaps() {
         for (batch, ranks) in [(1, 1), (1, 3), (2, 2), (5, 2), (4, 8), (7, 3)] {
@@ -268,12 +320,15 @@ mod tests {
     fn a_sum_has_the_same_bits_for_any_number_of_ranks() {
         for batch in [1, 2, 3, 4, 6, 7] {
             let all: Vec<SparseGradients> = (0..batch).map(of_slot).collect();
-            let alone = sum_over_slots(&mut Alone, Slots { batch, ranks: 1 }, &all, SCENE).unwrap();
+            let alone = mean(&mut Alone, Slots { batch, ranks: 1 }, &all);
             for ranks in [2, 3, 5] {
                 let slots = Slots { batch, ranks };
                 let sums = on_ranks(ranks, |mut exchange| {
                     let own: Vec<SparseGradients> = slots.of_rank(exchange.rank()).map(of_slot).collect();
-                    sum_over_slots(&mut exchange, slots, &own, SCENE).unwrap()
+                    let mut of = BatchMean::new(SCENE.rows);
+                    of.of(&mut exchange, slots, &own, SCENE).unwrap();
+                    // Memory of a step before changes nothing.
+                    of.of(&mut exchange, slots, &own, SCENE).unwrap().clone()
                 });
                 assert!(sums.iter().all(|sum| *sum == alone), "{batch} views on {ranks} ranks");
             }
@@ -284,9 +339,13 @@ mod tests {
     fn the_tree_adds_pairs_first() {
         let value = |slot: usize| of_slot(slot).values_of(4).map(|values| values[5]).unwrap_or(0.0);
         let all: Vec<SparseGradients> = (0..5).map(of_slot).collect();
-        let sum = sum_over_slots(&mut Alone, Slots { batch: 5, ranks: 1 }, &all, SCENE).unwrap();
+        let mean = mean(&mut Alone, Slots { batch: 5, ranks: 1 }, &all);
         let expected = ((value(0) + value(1)) + (value(2) + value(3))) + value(4);
-        assert_eq!(sum.values_of(4).unwrap()[5], expected);
+        assert_eq!(mean.values_of(4).unwrap()[5], expected * 0.2);
+        // Statistics are summed.
+        let last = |slot: usize| of_slot(slot).values_of(4).and_then(|values| values.last().copied()).unwrap_or(0.0);
+        let expected = ((last(0) + last(1)) + (last(2) + last(3))) + last(4);
+        assert_eq!(mean.values_of(4).unwrap().last(), Some(&expected));
     }
 
     #[test]
@@ -294,9 +353,12 @@ mod tests {
         let errors = on_ranks(2, |mut exchange| {
             if exchange.rank() == 0 {
                 let own = [of_slot(0)];
-                return sum_over_slots(&mut exchange, Slots { batch: 2, ranks: 2 }, &own, SCENE).unwrap_err().to_string();
+                return BatchMean::new(SCENE.rows).of(&mut exchange, Slots { batch: 2, ranks: 2 }, &own, SCENE).unwrap_err().to_string();
             }
-            exchange.all_to_all(vec![vec![3], vec![0]]).unwrap();
+            let mut messages = Messages::default();
+            messages.push(&[3]);
+            messages.push(&[0]);
+            exchange.all_to_all(&messages, &mut Messages::default()).unwrap();
             String::new()
         });
         assert!(errors[0].contains("not in step"), "{errors:?}");

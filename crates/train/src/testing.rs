@@ -5,8 +5,8 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use luxel_core::{
-    Camera, CameraProjection, ColorSpace, Dataset, Distortion, Exchange, ExchangeError, Image, Mask, OnDemand, PixelValues, ReadError,
-    Source, Target, View,
+    Camera, CameraProjection, ColorSpace, Dataset, Distortion, Exchange, ExchangeError, Image, Mask, Messages, OnDemand, PixelValues,
+    ReadError, Source, Target, View,
 };
 
 /// A camera at `eye` that looks along +z, with a focal length of the image's width.
@@ -105,16 +105,22 @@ impl Exchange for ThreadExchange {
         self.to.len()
     }
 
-    fn all_to_all(&mut self, messages: Vec<Vec<u32>>) -> Result<Vec<Vec<u32>>, ExchangeError> {
-        let gone = |_| ExchangeError("a rank is gone".to_owned());
-        for (to, message) in self.to.iter().zip(messages) {
-            to.send(message).map_err(|_| ExchangeError("a rank is gone".to_owned()))?;
+    fn all_to_all(&mut self, messages: &Messages, received: &mut Messages) -> Result<(), ExchangeError> {
+        let gone = || ExchangeError("a rank is gone".to_owned());
+        for (to, message) in self.to.iter().zip(messages.iter()) {
+            to.send(message.to_vec()).map_err(|_| gone())?;
         }
-        self.from.iter().map(|from| from.recv().map_err(gone)).collect()
+        received.clear();
+        for from in &self.from {
+            received.push(&from.recv().map_err(|_| gone())?);
+        }
+        Ok(())
     }
 
-    fn all_gather(&mut self, message: &[u32]) -> Result<Vec<Vec<u32>>, ExchangeError> {
-        self.all_to_all(vec![message.to_vec(); self.to.len()])
+    fn all_gather_into(&mut self, message: &[u32], received: &mut Messages) -> Result<(), ExchangeError> {
+        let mut messages = Messages::default();
+        self.to.iter().for_each(|_| messages.push(message));
+        self.all_to_all(&messages, received)
     }
 }
 

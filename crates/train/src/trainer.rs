@@ -18,17 +18,19 @@ mod fit;
 mod health;
 mod pairs;
 mod poses;
+mod saved;
 mod scene_start;
 mod start;
 mod vignetting;
 
 pub use self::pairs::{lifted_engine, snapshot_scene};
+pub use self::saved::RunState;
 
 use std::collections::VecDeque;
 
 use luxel_core::engine::{Dropout, PositionNoise, StepConfig};
 use luxel_core::{
-    ColorSpace, Engine, Exchange, Knots, Moments, RadianceScale, RasterConfig, RenderOptions, Scene, Similarity, Snapshot, StepReport,
+    ColorSpace, Engine, Exchange, Knots, RadianceScale, RasterConfig, RenderOptions, Scene, Similarity, Snapshot, Splats, StepReport,
 };
 
 use self::batch::{SlotView, rates_of_batch, scaled};
@@ -38,6 +40,7 @@ use crate::gains::Gains;
 use crate::holdout::Aside;
 use crate::peers::{SharedLift, folded};
 use crate::poses::Poses;
+use crate::reduce::BatchMean;
 use crate::state::State;
 use crate::views::TrainingViews;
 use crate::vignetting::Lenses;
@@ -68,6 +71,7 @@ pub struct Trainer {
     aside: Vec<Aside>,
     /// The connection to the other ranks of a distributed run.
     exchange: Box<dyn Exchange>,
+    batch_mean: BatchMean,
     /// The views of the current step, one a slot of the batch.
     step_views: Vec<usize>,
     /// Whether this rank is to stop, and whether any rank was at the last step.
@@ -254,7 +258,8 @@ impl Trainer {
     /// # Errors
     /// Returns [`TrainError::Engine`] if the engine fails.
     pub fn scene(&mut self) -> Result<Scene, TrainError> {
-        let scene = self.scene_and_moments()?.0;
+        let splats = self.engine.splats()?;
+        let scene = self.scene_of(splats);
         Ok(match &self.lift {
             None => scene,
             Some(lift) => Scene { splats: folded(&scene.splats, &lift.get(), &self.views.cameras()), ..scene },
@@ -272,16 +277,17 @@ impl Trainer {
     /// # Errors
     /// Returns [`TrainError::Engine`] if the engine fails.
     pub fn snapshot(&mut self) -> Result<Snapshot, TrainError> {
-        let (scene, moments) = self.scene_and_moments()?;
+        let (splats, moments) = self.engine.save()?;
+        let scene = self.scene_of(splats);
         let average = self.average.as_ref().map(|average| average.mean().clone());
         Ok(Snapshot { scene, moments, stats: self.engine.densify_stats()?, average, state_json: self.state.to_json()? })
     }
 
-    fn scene_and_moments(&mut self) -> Result<(Scene, Moments), TrainError> {
-        let (splats, moments) = self.engine.save()?;
+    /// Returns the scene of these splats.
+    fn scene_of(&self, splats: Splats) -> Scene {
         let raster = self.render_options().raster;
         let (radiance_scale, color_space) = (self.state.radiance_scale, self.color_space);
         let (world_from_local, metres_per_unit) = (self.world_from_local, self.metres_per_unit);
-        Ok((Scene { splats, radiance_scale, color_space, raster, edits: Vec::new(), world_from_local, metres_per_unit }, moments))
+        Scene { splats, radiance_scale, color_space, raster, edits: Vec::new(), world_from_local, metres_per_unit }
     }
 }

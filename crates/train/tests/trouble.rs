@@ -4,9 +4,11 @@
 
 mod common;
 
+use std::ops::Range;
+
 use common::{black, config, dataset, engine};
 use luxel_core::edit::Contributions;
-use luxel_core::engine::{DensifyPlan, DensifyStats, Geometry, PassTime, StepConfig};
+use luxel_core::engine::{DensifyPlan, DensifyStats, Geometry, PassTime, SavedPart, SplatArray, StepConfig};
 use luxel_core::{Camera, Engine, EngineError, Image, Mask, Moments, RenderOptions, Snapshot, Splats, StepReport, View};
 use luxel_train::{Method, TrainConfig, TrainError, Trainer, snapshot_response};
 
@@ -24,6 +26,14 @@ impl Engine for Puppet {
     }
     fn save(&mut self) -> Result<(Splats, Moments), EngineError> {
         Ok((self.splats.clone(), Moments::zeros(self.splats.color_model, self.splats.len())))
+    }
+    fn save_array(&mut self, part: SavedPart, array: SplatArray, splats: Range<usize>) -> Result<Vec<f32>, EngineError> {
+        let width = array.width(self.splats.color_model);
+        let values = match part {
+            SavedPart::Parameters => self.splats.array(array).to_vec(),
+            SavedPart::FirstMoments | SavedPart::SecondMoments => vec![0.0; width * self.splats.len()],
+        };
+        Ok(values.get(splats.start * width..splats.end * width).unwrap_or_default().to_vec())
     }
     fn render(&mut self, camera: &Camera, _: &RenderOptions) -> Result<Image, EngineError> {
         Ok(Image::filled(camera.size_px[0] as usize, camera.size_px[1] as usize, [0.0; 3]))

@@ -3,9 +3,11 @@
 //! In: splats, cameras, views and densification plans. Out: images, reports and splats. Images and
 //! radiance are in normalised units.
 
+use std::ops::Range;
+
 use super::{
     ChannelSource, ChannelStep, DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, Layers, MomentFormat,
-    PassTime, RenderOptions, SparseGradients, StepConfig, StepReport,
+    PassTime, RenderOptions, SavedPart, SparseGradients, SplatArray, StepConfig, StepReport,
 };
 use crate::edit::Contributions;
 use crate::{Camera, Image, Moments, Remedy, Splats, View};
@@ -94,6 +96,26 @@ pub trait Engine: Send {
     /// # Errors
     /// [`EngineError::Device`].
     fn save(&mut self) -> Result<(Splats, Moments), EngineError>;
+
+    /// Returns an array of some of the splats, `[splats, width]`, so that a state can be saved
+    /// without a copy of it. Empty for the smoothing filter where there is none, and that of moments.
+    ///
+    /// # Errors
+    /// [`EngineError::Invalid`] for a range beyond the last splat; [`EngineError::Device`].
+    fn save_array(&mut self, part: SavedPart, array: SplatArray, splats: Range<usize>) -> Result<Vec<f32>, EngineError>;
+
+    /// Replaces the parameters of all splats; moments and statistics stay.
+    ///
+    /// # Errors
+    /// Those of [`Self::load`], of which splats of another number or colour model are one.
+    fn replace_parameters(&mut self, splats: &Splats) -> Result<(), EngineError> {
+        let (_, moments) = self.save()?;
+        moments.validate_for(splats)?;
+        // Loading starts statistics anew.
+        let stats = self.densify_stats()?;
+        self.load(splats, Some(&moments))?;
+        self.set_densify_stats(&stats)
+    }
 
     /// Renders radiance in normalised units as seen by `camera`, of any projection, which must be
     /// undistorted.
@@ -222,6 +244,9 @@ pub trait Engine: Send {
     fn apply_gradients(&mut self, _gradients: &SparseGradients, _step: &StepConfig) -> Result<(), EngineError> {
         Err(EngineError::invalid("this engine takes no gradients").with_remedy(Remedy::set("device", "cpu")))
     }
+
+    /// Takes gradients back that nobody needs, whose memory the next ones may have.
+    fn reuse_gradients(&mut self, _gradients: SparseGradients) {}
 
     /// Returns the current scene without its moments.
     ///

@@ -16,6 +16,7 @@ mod parameter_rows;
 mod pass;
 mod pixel_angle;
 mod raster;
+mod saved;
 mod sparse_gradients;
 mod step;
 
@@ -35,5 +36,6 @@ pub use parameter_rows::ParameterRows;
 pub use pass::{Pass, PassTime};
 pub use pixel_angle::{PIXEL_ANGLE_TERMS, PixelAngle};
 pub use raster::{Antialias, Cutoffs, Evaluations, JACOBIAN_MARGIN, Layers, MAX_SAMPLES, MIN_AREA_RATIO, RasterConfig, RenderOptions};
-pub use sparse_gradients::{SPLATS_PER_BLOCK, STATISTICS_ROWS, SparseGradients};
+pub use saved::{SavedPart, SplatArray, check_range};
+pub use sparse_gradients::{SPLATS_PER_BLOCK, STATISTICS_ROWS, SparseGradients, SparsePart};
 pub use step::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, AdamBetas, LearningRates, PositionNoise, StatsCollection, StepConfig, StepReport};

@@ -112,35 +112,36 @@ impl SparseGradients {
         }
     }
 
+    /// Removes all blocks, and keeps their memory.
+    pub fn clear(&mut self) {
+        self.blocks.clear();
+        self.values.clear();
+    }
+
+    /// Becomes gradients of these blocks, in ascending order, with these rows; the values are
+    /// arbitrary.
+    pub fn restart(&mut self, rows: ParameterRows, blocks: &[u32]) {
+        self.rows = rows;
+        self.blocks.clear();
+        self.blocks.extend_from_slice(blocks);
+        self.values.resize(blocks.len() * Self::block_len_of(rows), 0.0);
+    }
+
     /// Appends the blocks of `next`, all of which must lie behind these.
     ///
     /// # Panics
     /// If they do not.
-    pub fn extend(&mut self, next: &Self) {
+    pub fn extend(&mut self, next: SparsePart<'_>) {
         assert!(self.blocks.last().zip(next.blocks.first()).is_none_or(|(a, b)| a < b), "blocks come in ascending order");
-        self.blocks.extend_from_slice(&next.blocks);
-        self.values.extend_from_slice(&next.values);
+        self.blocks.extend_from_slice(next.blocks);
+        self.values.extend_from_slice(next.values);
     }
 
-    /// Appends the blocks whose numbers lie in `range` to a message.
-    pub fn write_part(&self, range: &Range<u32>, message: &mut Vec<u32>) {
+    /// Returns the blocks whose numbers lie in `range`.
+    pub fn part(&self, range: &Range<u32>) -> SparsePart<'_> {
         let [from, to] = [range.start, range.end].map(|block| self.blocks.partition_point(|found| *found < block));
         let len = self.block_len();
-        message.push((to - from) as u32);
-        message.extend_from_slice(&self.blocks[from..to]);
-        message.extend(self.values[from * len..to * len].iter().map(|value| value.to_bits()));
-    }
-
-    /// Reads what [`Self::write_part`] wrote from the start of a message, and moves on behind it;
-    /// `None` if the message is something else.
-    pub fn read_part(rows: ParameterRows, message: &mut &[u32]) -> Option<Self> {
-        let (count, rest) = message.split_first()?;
-        let (blocks, rest) = rest.split_at_checked(*count as usize)?;
-        let (values, rest) = rest.split_at_checked((*count as usize).checked_mul(Self::block_len_of(rows))?)?;
-        let is_ascending = blocks.windows(2).all(|pair| pair[0] < pair[1]);
-        *message = rest;
-        let values = values.iter().map(|bits| f32::from_bits(*bits)).collect();
-        is_ascending.then(|| Self { rows, blocks: blocks.to_vec(), values })
+        SparsePart { blocks: &self.blocks[from..to], values: &self.values[from * len..to * len], block_len: len }
     }
 
     /// Checks that these are gradients of a scene of `count` splats with these rows.
@@ -158,6 +159,46 @@ impl SparseGradients {
             last * SPLATS_PER_BLOCK,
             rows.count()
         )))
+    }
+}
+
+/// Some blocks of gradients, borrowed: of [`SparseGradients`], or of a message.
+#[derive(Clone, Copy, Debug)]
+pub struct SparsePart<'a> {
+    blocks: &'a [u32],
+    values: &'a [f32],
+    block_len: usize,
+}
+
+impl<'a> SparsePart<'a> {
+    /// Returns the numbers of the blocks, ascending.
+    pub fn blocks(self) -> &'a [u32] {
+        self.blocks
+    }
+
+    /// Returns the values of a block, if it has any.
+    pub fn values_of(self, block: u32) -> Option<&'a [f32]> {
+        let at = self.blocks.binary_search(&block).ok()?;
+        self.values.get(at * self.block_len..(at + 1) * self.block_len)
+    }
+
+    /// Appends the blocks to a message: their number, their numbers, and their values' bits.
+    pub fn write(self, message: &mut Vec<u32>) {
+        message.push(self.blocks.len() as u32);
+        message.extend_from_slice(self.blocks);
+        message.extend_from_slice(bytemuck::cast_slice(self.values));
+    }
+
+    /// Reads what [`Self::write`] wrote from the start of a message, and moves on behind it; `None`
+    /// if the message is something else.
+    pub fn read(rows: ParameterRows, message: &mut &'a [u32]) -> Option<Self> {
+        let block_len = SparseGradients::block_len_of(rows);
+        let (count, rest) = message.split_first()?;
+        let (blocks, rest) = rest.split_at_checked(*count as usize)?;
+        let (values, rest) = rest.split_at_checked((*count as usize).checked_mul(block_len)?)?;
+        let is_ascending = blocks.windows(2).all(|pair| pair[0] < pair[1]);
+        *message = rest;
+        is_ascending.then(|| Self { blocks, values: bytemuck::cast_slice(values), block_len })
     }
 }
 
@@ -190,18 +231,19 @@ mod tests {
         let all = gradients(&[(0, 1.0), (3, -0.0), (9, f32::MIN_POSITIVE)]);
         let mut message = Vec::new();
         for range in [0..3, 3..9, 9..10] {
-            all.write_part(&range, &mut message);
+            all.part(&range).write(&mut message);
         }
         let mut left = &*message;
         let mut whole = SparseGradients::none(ROWS);
         for expected in [1, 1, 1] {
-            let part = SparseGradients::read_part(ROWS, &mut left).unwrap();
+            let part = SparsePart::read(ROWS, &mut left).unwrap();
             assert_eq!(part.blocks().len(), expected);
-            whole.extend(&part);
+            assert_eq!(part.values_of(3), all.values_of(3).filter(|_| part.blocks() == [3]));
+            whole.extend(part);
         }
         assert_eq!(whole, all);
-        assert!(left.is_empty() && SparseGradients::read_part(ROWS, &mut left).is_none());
-        assert_eq!(SparseGradients::read_part(ROWS, &mut &message[..20]), None);
+        assert!(left.is_empty() && SparsePart::read(ROWS, &mut left).is_none());
+        assert!(SparsePart::read(ROWS, &mut &message[..20]).is_none());
     }
 
     #[test]

@@ -4,12 +4,13 @@
 mod batch;
 mod channels;
 
+use std::ops::Range;
 use std::time::Duration;
 
 use fearless_simd::Level;
 use luxel_core::engine::{
-    CameraGradient, CameraGradientChoice, DensifyPlan, DensifyStats, Geometry, MeasuredChannels, MomentFormat, ParameterRows,
-    StatsCollection, StepConfig,
+    CameraGradient, CameraGradientChoice, DensifyPlan, DensifyStats, Geometry, MeasuredChannels, MomentFormat, ParameterRows, SavedPart,
+    SparseGradients, SplatArray, StatsCollection, StepConfig,
 };
 use luxel_core::{EngineError, Moments, Pass, PassTime, Splats, StepReport, View};
 use rayon::prelude::*;
@@ -46,6 +47,8 @@ pub(super) struct State {
     /// Memory into which the next densification builds a store. It is released in steps that
     /// collect no statistics.
     spare: Buffer,
+    /// Gradients of earlier steps, whose memory the next ones have.
+    spare_gradients: Vec<SparseGradients>,
     /// 3D filter by block; empty if the scene has none.
     smoothing: Vec<Lanes>,
     stats: DensifyStats,
@@ -133,6 +136,7 @@ impl State {
             moments: MomentStore::zeros(MomentFormat::F32, layout, 0),
             moment_format: MomentFormat::F32,
             spare: Buffer::zeros(0),
+            spare_gradients: Vec::new(),
             smoothing: Vec::new(),
             stats: DensifyStats::default(),
             frame: Frame::new(),
@@ -177,6 +181,27 @@ impl State {
     /// Copies the scene and its moments.
     pub(super) fn save(&mut self) -> (Splats, Moments) {
         (self.splats(), self.moments.to_moments())
+    }
+
+    /// Copies an array of some splats.
+    pub(super) fn save_array(&mut self, part: SavedPart, array: SplatArray, splats: Range<usize>) -> Vec<f32> {
+        self.finish();
+        let rows = array.rows(self.parameters.layout.color_model);
+        match part {
+            SavedPart::Parameters if array == SplatArray::Smoothing => {
+                bytemuck::cast_slice::<_, f32>(&self.smoothing).get(splats).unwrap_or_default().to_vec()
+            }
+            SavedPart::Parameters => self.parameters.rows_of(rows, splats, |value| value),
+            SavedPart::FirstMoments => self.moments.rows_of(false, rows, splats),
+            SavedPart::SecondMoments => self.moments.rows_of(true, rows, splats),
+        }
+    }
+
+    /// Replaces the parameters by those of as many splats.
+    pub(super) fn replace_parameters(&mut self, splats: &Splats) {
+        self.finish();
+        self.parameters.fill_from(splats);
+        self.smoothing = smoothing_lanes(&splats.smoothing);
     }
 
     /// Copies what densification policy looks at.

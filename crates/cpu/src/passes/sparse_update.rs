@@ -20,22 +20,19 @@ use crate::view::ScreenCamera;
 
 const _: () = assert!(LANES == SPLATS_PER_BLOCK);
 
-/// Differentiates the blocks in which the view shows a splat. `parameters` are `[blocks, rows,
-/// 16]`.
+/// Differentiates the blocks in which the view shows a splat, into the memory of `gradients`.
+/// `parameters` are `[blocks, rows, 16]`.
 pub(crate) fn sparse_gradients(
     level: Level,
     camera: &ScreenCamera,
     inputs: &Inputs<'_>,
     parameters: &[Lanes],
     collection: StatsCollection,
+    mut gradients: SparseGradients,
 ) -> SparseGradients {
     let rows = inputs.shape.layout.count();
-    let mut gradients = SparseGradients::none(inputs.shape.layout);
     let seen = seen_blocks(inputs);
-    gradients.reserve(seen.len());
-    seen.iter().for_each(|block| {
-        gradients.push(*block);
-    });
+    gradients.restart(inputs.shape.layout, &seen);
     let block_len = gradients.block_len();
     let chunks = (seen.par_chunks(CHUNK), gradients.values_mut().par_chunks_mut(CHUNK * block_len));
     chunks.into_par_iter().for_each(|(seen, values)| {

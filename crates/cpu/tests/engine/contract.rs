@@ -1,6 +1,6 @@
 //! The contract of `Engine`: determinism, resuming, extremes, and errors on bad input.
 
-use luxel_core::engine::{DensifyPlan, DensifyStats, PlanRow, PositionNoise, StatsCollection, StepConfig};
+use luxel_core::engine::{DensifyPlan, DensifyStats, PlanRow, PositionNoise, SavedPart, SplatArray, StatsCollection, StepConfig};
 use luxel_core::{
     Activation, Antialias, ColorModel, Cutoffs, Distortion, Engine, EngineError, Image, Mask, Moments, Splats, StepReport, View,
 };
@@ -211,6 +211,36 @@ fn a_scene_that_is_loaded_is_not_changed_by_a_step_before() {
     assert_eq!(state(&mut engine, Vec::new()).splats, splats);
 }
 
+/// Asserts that arrays saved seven splats at a time are those of the whole.
+fn assert_saved_by_pieces(engine: &mut CpuEngine, splats: &Splats, moments: &Moments) {
+    let parts = [(SavedPart::Parameters, splats), (SavedPart::FirstMoments, &moments.first), (SavedPart::SecondMoments, &moments.second)];
+    for ((part, expected), array) in parts.into_iter().flat_map(|part| SplatArray::ALL.map(|array| (part, array))) {
+        let mut found = Vec::new();
+        for first in (0..splats.len()).step_by(7) {
+            found.extend(engine.save_array(part, array, first..splats.len().min(first + 7)).unwrap());
+        }
+        assert_eq!(found, expected.array(array), "{part:?} {array:?}");
+        assert!(engine.save_array(part, array, 0..splats.len() + 1).is_err());
+    }
+}
+
+#[test]
+fn parameters_that_are_replaced_leave_moments_and_statistics() {
+    let camera = fixture::camera(47, 33);
+    let splats = fixture::splats(LCD, 300, &camera, 51);
+    let mut engine = engine(2, &splats);
+    engine.train_step(&fixture::view(&camera, false, 52), &step(1)).unwrap();
+    let (_, moments) = engine.save().unwrap();
+    let stats = engine.densify_stats().unwrap();
+    let other = fixture::splats(LCD, 300, &camera, 53);
+    engine.replace_parameters(&other).unwrap();
+    assert_eq!(engine.save().unwrap(), (other, moments));
+    assert_eq!(engine.densify_stats().unwrap(), stats);
+    for wrong in [fixture::splats(LCD, 299, &camera, 1), fixture::splats(ColorModel::Sh { degree: 3 }, 300, &camera, 1)] {
+        assert!(engine.replace_parameters(&wrong).unwrap_err().to_string().contains("the scene has 300"));
+    }
+}
+
 #[test]
 fn what_was_loaded_is_saved() {
     let camera = fixture::camera(20, 20);
@@ -220,6 +250,7 @@ fn what_was_loaded_is_saved() {
         let moments = Moments { first: fixture::splats(LCD, count, &camera, 2), second: fixture::splats(LCD, count, &camera, 3) };
         let mut engine = CpuEngine::new(1).unwrap();
         engine.load(&splats, Some(&moments)).unwrap();
+        assert_saved_by_pieces(&mut engine, &splats, &moments);
         assert_eq!(engine.save().unwrap(), (splats.clone(), moments));
         let geometry = engine.geometry().unwrap();
         assert_eq!((geometry.position, geometry.log_scale), (splats.position, splats.log_scale));

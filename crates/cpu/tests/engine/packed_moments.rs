@@ -1,6 +1,6 @@
 //! Moments of sixteen bits: the same contract as in single precision, and steps near those of it.
 
-use luxel_core::engine::MomentFormat;
+use luxel_core::engine::{MomentFormat, SavedPart, SplatArray};
 use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, Engine, Moments, Splats, View};
 use luxel_cpu::CpuEngine;
 
@@ -33,6 +33,9 @@ fn a_run_has_the_same_bits_on_any_threads_and_when_it_is_broken() {
     let mut unbroken = engine(MomentFormat::Bf16, 1, &splats, None);
     train(&mut unbroken, &view, 1..=8);
     let (expected, moments) = unbroken.save().unwrap();
+    for (part, of) in [(SavedPart::FirstMoments, &moments.first), (SavedPart::SecondMoments, &moments.second)] {
+        assert_eq!(unbroken.save_array(part, SplatArray::Sh, 0..700).unwrap(), of.sh);
+    }
     assert!(flatten(&moments.first).iter().all(|value| (*value as f32).to_bits() & 0xffff == 0));
     assert!(flatten(&moments.second).iter().all(|value| (*value as f32).to_bits() & 0x7fff == 0 && *value >= 0.0));
     for (threads, broken_after) in [(2, 3), (3, 5)] {

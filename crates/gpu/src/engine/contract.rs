@@ -2,19 +2,22 @@
 //!
 //! In and out: see [`Engine`]. Degenerate: bad input is an error, and leaves the engine unchanged.
 
+use std::ops::Range;
 use std::time::Instant;
 
 use luxel_core::edit::Contributions;
-use luxel_core::engine::{CameraGradientChoice, DensifyPlan, DensifyStats, Geometry, SparseGradients, StepConfig};
+use luxel_core::engine::{
+    CameraGradientChoice, DensifyPlan, DensifyStats, Geometry, SavedPart, SparseGradients, SplatArray, StepConfig, check_range,
+};
 use luxel_core::{Camera, Engine, EngineError, Image, Moments, Pass, PassTime, RenderOptions, Splats, StepReport, View};
 
 use super::lights::of_one_light;
 use super::{GpuEngine, Submission, step_report};
 use crate::densify;
-use crate::device::resume;
+use crate::device::{Buffer, resume};
 use crate::layout::HALT_NONE;
 use crate::pending::LAG;
-use crate::scene::GpuScene;
+use crate::scene::{GpuScene, Shard};
 use crate::screen::check;
 
 impl Engine for GpuEngine {
@@ -41,6 +44,23 @@ impl Engine for GpuEngine {
         let first = self.scene.download(&self.gpu, |_, shard| &shard.first)?;
         let second = self.scene.download(&self.gpu, |_, shard| &shard.second)?;
         Ok((splats, Moments { first, second }))
+    }
+
+    fn save_array(&mut self, part: SavedPart, array: SplatArray, splats: Range<usize>) -> Result<Vec<f32>, EngineError> {
+        check_range(&splats, self.len())?;
+        self.wait_idle_checked()?;
+        let scene = &self.scene;
+        let mut rows = array.rows(scene.rows.color_model);
+        if array == SplatArray::Smoothing && part == SavedPart::Parameters && scene.has_smoothing {
+            // The filter's row is behind those of the parameters.
+            rows = rows.start..rows.start + 1;
+        }
+        let pick: fn(&Shard) -> &Buffer = match part {
+            SavedPart::Parameters => |shard| &shard.parameters,
+            SavedPart::FirstMoments => |shard| &shard.first,
+            SavedPart::SecondMoments => |shard| &shard.second,
+        };
+        scene.download_array(&self.gpu, pick, rows, &splats)
     }
 
     fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {

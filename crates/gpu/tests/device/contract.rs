@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use luxel_core::engine::{DensifyStats, StatsCollection, StepConfig};
+use luxel_core::engine::{DensifyStats, SavedPart, SplatArray, StatsCollection, StepConfig};
 use luxel_core::{Antialias, Camera, Cutoffs, Engine, EngineError, Moments, Splats, View};
 use luxel_cpu::CpuEngine;
 use luxel_gpu::{DeviceChoice, Gpu, GpuEngine, Traffic};
@@ -116,13 +116,28 @@ fn pixels_that_do_not_count_leave_nothing(gpu: &Arc<Gpu>) {
     }
 }
 
+/// Asserts that arrays saved seven splats at a time are those of the whole.
+fn assert_saved_by_pieces(engine: &mut GpuEngine, splats: &Splats, moments: &Moments) {
+    let parts = [(SavedPart::Parameters, splats), (SavedPart::FirstMoments, &moments.first), (SavedPart::SecondMoments, &moments.second)];
+    for ((part, expected), array) in parts.into_iter().flat_map(|part| SplatArray::ALL.map(|array| (part, array))) {
+        let mut found = Vec::new();
+        for first in (0..splats.len()).step_by(7) {
+            found.extend(engine.save_array(part, array, first..splats.len().min(first + 7)).unwrap());
+        }
+        assert_eq!(found, expected.array(array), "{part:?} {array:?}");
+        assert!(engine.save_array(part, array, 0..splats.len() + 1).is_err());
+    }
+}
+
 fn what_is_saved_is_what_was_loaded(gpu: &Arc<Gpu>) {
     for model in models() {
         let mut scene = splats(model, 100, &camera(20, 20), 33);
         scene.smoothing = smoothing(scene.len());
         let moments = Moments { first: splats(model, 100, &camera(20, 20), 34), second: splats(model, 100, &camera(20, 20), 35) };
         let mut engine = GpuEngine::new(gpu).unwrap();
+        engine.split_shards(30);
         engine.load(&scene, Some(&moments)).unwrap();
+        assert_saved_by_pieces(&mut engine, &scene, &moments);
         assert_eq!(engine.save().unwrap(), (scene.clone(), moments));
         let geometry = engine.geometry().unwrap();
         assert_eq!((geometry.position, geometry.log_scale, geometry.opacity_logit), (scene.position, scene.log_scale, scene.opacity_logit));

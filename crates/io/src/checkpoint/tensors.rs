@@ -1,108 +1,141 @@
-//! The tensors of a snapshot: names, shapes and borrowed values, in the order of the file.
+//! The tensors of a state: names, shapes, and values piece by piece, in the order of the file.
 
-use luxel_core::{Snapshot, Splats};
+use std::io;
+
+use luxel_core::engine::{SavedPart, SplatArray};
+use luxel_core::{ColorModel, SavedGroup, SavedState};
 use safetensors::tensor::Dtype;
 
 /// Bytes moved at a time: whole rows of three and of four values.
 pub(super) const PIECE_BYTES: usize = 48 << 10;
+/// Splats whose values are asked for at a time.
+const PIECE_SPLATS: usize = 1 << 14;
 
-/// Values of one tensor.
-pub(super) enum Values<'a> {
-    F32(&'a [f32]),
-    U32(&'a [u32]),
-}
-
-impl Values<'_> {
-    pub(super) fn len(&self) -> usize {
-        match self {
-            Self::F32(values) => values.len(),
-            Self::U32(values) => values.len(),
-        }
-    }
-
-    pub(super) fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    pub(super) fn dtype(&self) -> Dtype {
-        match self {
-            Self::F32(_) => Dtype::F32,
-            Self::U32(_) => Dtype::U32,
-        }
-    }
-
-    /// Visits the values' bytes, least significant first, piece by piece.
-    pub(super) fn for_each_piece(&self, mut each: impl FnMut(&[u8]) -> std::io::Result<()>) -> std::io::Result<()> {
-        fn pieces<T: Copy>(
-            values: &[T],
-            to_bytes: fn(T) -> [u8; 4],
-            each: &mut impl FnMut(&[u8]) -> std::io::Result<()>,
-        ) -> std::io::Result<()> {
-            let mut piece = [0u8; PIECE_BYTES];
-            for part in values.chunks(PIECE_BYTES / 4) {
-                for (to, value) in piece.as_chunks_mut::<4>().0.iter_mut().zip(part) {
-                    *to = to_bytes(*value);
-                }
-                each(&piece[..4 * part.len()])?;
-            }
-            Ok(())
-        }
-        match self {
-            Self::F32(values) => pieces(values, f32::to_le_bytes, &mut each),
-            Self::U32(values) => pieces(values, u32::to_le_bytes, &mut each),
-        }
-    }
+/// What a tensor holds.
+#[derive(Clone, Copy)]
+enum Content {
+    Array(SavedGroup, SplatArray),
+    Gradient,
+    AbsGradient,
+    Views,
 }
 
 /// One tensor to write.
-pub(super) struct Tensor<'a> {
+pub(super) struct Tensor {
     pub(super) name: String,
-    /// Shape that it must have.
     pub(super) shape: Vec<usize>,
-    /// Whether it may be empty instead.
-    pub(super) is_optional: bool,
-    pub(super) values: Values<'a>,
+    content: Content,
 }
 
-const SPLATS: [&str; 7] = ["position", "rotation", "log_scale", "opacity_logit", "sh", "raw_luminance", "smoothing"];
-const GROUPS: [&str; 3] = ["splats", "moments.first", "moments.second"];
-const STATS: [&str; 3] = ["stats.gradient", "stats.abs_gradient", "stats.views"];
+const GROUPS: [(&str, SavedGroup); 3] = [
+    ("splats", SavedGroup::Engine(SavedPart::Parameters)),
+    ("moments.first", SavedGroup::Engine(SavedPart::FirstMoments)),
+    ("moments.second", SavedGroup::Engine(SavedPart::SecondMoments)),
+];
+const STATS: [(&str, Content); 3] =
+    [("stats.gradient", Content::Gradient), ("stats.abs_gradient", Content::AbsGradient), ("stats.views", Content::Views)];
 
 /// Group of the parameters' mean, last in the file where there is one.
 pub(super) const AVERAGE: &str = "average";
 
+/// Names and contents in the order of the file, with or without an average.
+fn contents(is_averaged: bool) -> Vec<(String, Content)> {
+    let arrays =
+        |(name, group): (&str, SavedGroup)| SplatArray::ALL.map(|array| (format!("{name}.{}", array.name()), Content::Array(group, array)));
+    let average = is_averaged.then_some((AVERAGE, SavedGroup::Average)).into_iter().flat_map(arrays);
+    let stats = STATS.map(|(name, content)| (name.to_owned(), content));
+    GROUPS.into_iter().flat_map(arrays).chain(stats).chain(average).collect()
+}
+
 /// Names in the order of the file, with or without an average.
 pub(super) fn names(is_averaged: bool) -> Vec<String> {
-    let group = |group: &str| SPLATS.map(|array| format!("{group}.{array}"));
-    let average = is_averaged.then(|| group(AVERAGE)).into_iter().flatten();
-    GROUPS.into_iter().flat_map(group).chain(STATS.map(str::to_owned)).chain(average).collect()
+    contents(is_averaged).into_iter().map(|(name, _)| name).collect()
 }
 
-/// Returns all tensors of a snapshot.
-pub(super) fn tensors_of(snapshot: &Snapshot) -> Vec<Tensor<'_>> {
-    let (splats, moments, stats) = (&snapshot.scene.splats, &snapshot.moments, &snapshot.stats);
-    let n = splats.len();
-    let values = [splats, &moments.first, &moments.second].into_iter().flat_map(|group| arrays(group, n));
-    let optional = |values| (vec![n], true, values);
-    let stats = [Values::F32(&stats.gradient), Values::F32(&stats.abs_gradient), Values::U32(&stats.views)].map(optional);
-    let average = snapshot.average.iter().flat_map(|average| arrays(average, n));
-    names(snapshot.average.is_some())
-        .into_iter()
-        .zip(values.chain(stats).chain(average))
-        .map(|(name, (shape, is_optional, values))| Tensor { name, shape, is_optional, values })
-        .collect()
+/// Returns all tensors of a state.
+///
+/// # Errors
+/// What the state cannot tell.
+pub(super) fn tensors_of(state: &mut impl SavedState) -> io::Result<Vec<Tensor>> {
+    let (n, color_model) = (state.splat_count(), state.scene().splats.color_model);
+    let of_file = contents(state.is_averaged());
+    let mut tensor = |(name, content)| {
+        let is_absent = match content {
+            Content::Array(group, array @ SplatArray::Smoothing) => values(state, group, array, 0..n.min(1))?.is_empty(),
+            Content::Array(..) => false,
+            Content::Gradient => state.stats().gradient.is_empty(),
+            Content::AbsGradient => state.stats().abs_gradient.is_empty(),
+            Content::Views => state.stats().views.is_empty(),
+        };
+        let shape = match content {
+            _ if is_absent => vec![0],
+            Content::Array(_, array) => shape(array, n, color_model),
+            Content::Gradient | Content::AbsGradient | Content::Views => vec![n],
+        };
+        Ok(Tensor { name, shape, content })
+    };
+    of_file.into_iter().map(&mut tensor).collect()
 }
 
-/// Returns the shape, whether it may be empty instead, and values, in the order of [`SPLATS`].
-fn arrays(splats: &Splats, n: usize) -> [(Vec<usize>, bool, Values<'_>); 7] {
-    let (k, m) = (splats.color_model.sh_coefficients(), splats.color_model.luminance_coefficients());
-    [
-        (vec![n, 3], false, Values::F32(splats.position.as_flattened())),
-        (vec![n, 4], false, Values::F32(splats.rotation.as_flattened())),
-        (vec![n, 3], false, Values::F32(splats.log_scale.as_flattened())),
-        (vec![n], false, Values::F32(&splats.opacity_logit)),
-        (vec![n, k, 3], false, Values::F32(&splats.sh)),
-        (vec![n, m], false, Values::F32(&splats.raw_luminance)),
-        (vec![n], true, Values::F32(&splats.smoothing)),
-    ]
+fn shape(array: SplatArray, n: usize, color_model: ColorModel) -> Vec<usize> {
+    match array {
+        SplatArray::OpacityLogit | SplatArray::Smoothing => vec![n],
+        SplatArray::Sh => vec![n, color_model.sh_coefficients(), 3],
+        SplatArray::Position | SplatArray::Rotation | SplatArray::LogScale | SplatArray::RawLuminance => vec![n, array.width(color_model)],
+    }
+}
+
+fn values<S: SavedState>(
+    state: &mut S,
+    group: SavedGroup,
+    array: SplatArray,
+    splats: std::ops::Range<usize>,
+) -> io::Result<std::borrow::Cow<'_, [f32]>> {
+    state.values(group, array, splats).map_err(io::Error::other)
+}
+
+impl Tensor {
+    /// Returns the number of values.
+    pub(super) fn len(&self) -> usize {
+        self.shape.iter().product()
+    }
+
+    pub(super) fn dtype(&self) -> Dtype {
+        if matches!(self.content, Content::Views) { Dtype::U32 } else { Dtype::F32 }
+    }
+
+    /// Visits the values' bytes, least significant first, piece by piece. Parameters that are not
+    /// finite are errors.
+    pub(super) fn for_each_piece(&self, state: &mut impl SavedState, mut each: impl FnMut(&[u8]) -> io::Result<()>) -> io::Result<()> {
+        let (n, color_model) = (state.splat_count(), state.scene().splats.color_model);
+        match self.content {
+            _ if self.len() == 0 => Ok(()),
+            Content::Gradient => pieces(&state.stats().gradient, f32::to_le_bytes, &mut each),
+            Content::AbsGradient => pieces(&state.stats().abs_gradient, f32::to_le_bytes, &mut each),
+            Content::Views => pieces(&state.stats().views, u32::to_le_bytes, &mut each),
+            Content::Array(group, array) => (0..n).step_by(PIECE_SPLATS).try_for_each(|first| {
+                let splats = first..n.min(first + PIECE_SPLATS);
+                let (width, expected) = (array.width(color_model), splats.len() * array.width(color_model));
+                let values = values(state, group, array, splats)?;
+                if values.len() != expected {
+                    return Err(io::Error::other(format!("{} has {} values of some splats, expected {expected}", self.name, values.len())));
+                }
+                if group == SavedGroup::Engine(SavedPart::Parameters) {
+                    array.check_finite(&values, width, first).map_err(io::Error::other)?;
+                }
+                pieces(&values, f32::to_le_bytes, &mut each)
+            }),
+        }
+    }
+}
+
+fn pieces<T: Copy>(values: &[T], to_bytes: fn(T) -> [u8; 4], each: &mut impl FnMut(&[u8]) -> io::Result<()>) -> io::Result<()> {
+    let mut piece = [0u8; PIECE_BYTES];
+    for part in values.chunks(PIECE_BYTES / 4) {
+        for (to, value) in piece.as_chunks_mut::<4>().0.iter_mut().zip(part) {
+            *to = to_bytes(*value);
+        }
+        each(&piece[..4 * part.len()])?;
+    }
+    Ok(())
 }

@@ -164,7 +164,8 @@ fn a_header_longer_than_the_file_is_refused_without_allocating() {
 
 #[test]
 fn snapshots_that_could_not_be_read_back_are_not_written() {
-    let broken: [fn(&mut Snapshot); 8] = [
+    let broken: [fn(&mut Snapshot); 9] = [
+        |s| s.average = Some(splats(LCD, 4, 1)),
         |s| s.scene.splats.position[1] = [f32::NAN; 3],
         |s| s.moments.first.sh.truncate(4),
         |s| s.moments.second.color_model = ColorModel::Sh { degree: 0 },
@@ -229,7 +230,7 @@ fn a_full_disk_gives_an_error_at_whatever_byte_it_fills() {
     let snapshot = snapshot(LCD, 3, 1);
     let length = encode_checkpoint(name(), &snapshot).unwrap().len();
     for room in 0..length {
-        assert_eq!(write(&snapshot, &mut FullDisk(room)).unwrap_err().kind(), std::io::ErrorKind::StorageFull, "{room} bytes");
+        assert_eq!(write(&mut &snapshot, &mut FullDisk(room)).unwrap_err().kind(), std::io::ErrorKind::StorageFull, "{room} bytes");
     }
 }
 
@@ -242,7 +243,7 @@ fn a_failed_write_leaves_the_older_checkpoint() {
     // Under way, the disk is full: the temporary file goes, the older one stays.
     let full = write_atomically(&path, |file| {
         file.write_all(b"half").unwrap();
-        write(&good, &mut FullDisk(40)).map_err(|e| IoError::system(&path, "write", &e))
+        write(&mut &good, &mut FullDisk(40)).map_err(|e| IoError::system(&path, "write", &e))
     });
     assert_eq!(full.unwrap_err().kind, IoErrorKind::NoRoom);
     assert_eq!(std::fs::read_dir(run.path().join("checkpoints")).unwrap().count(), 1);

@@ -28,9 +28,9 @@ const CHANNEL_PIXEL_BYTES: u64 = 600;
 /// measurement holds beside it. A render gives back what only steps need.
 const RENDER_PIXEL_BYTES: u64 = 70;
 const MEASURED_PIXEL_BYTES: u64 = 160;
-/// Copies of a splat's parameters at a time: the parameters, two moments, their gradient, the mean,
-/// and a state that is being saved.
-const COPIES: u64 = 8;
+/// Copies of a splat's parameters at a time: the parameters, two moments, and the four arrays of a
+/// checkpoint that a run continues from, or the gradient, the mean and what densification moves.
+const COPIES: u64 = 7;
 /// Bytes of a splat that do not depend on its parameters: projection, statistics, order.
 const SPLAT_BYTES: u64 = 160;
 /// Memory of the program without a scene.
@@ -73,8 +73,8 @@ impl RunMemory {
         let gradients = match is_in_channels {
             // Channels, features and values of networks, and gradients by them, fewer than that.
             true => 2,
-            // Those of each view, and their sum.
-            false if train.batch > 1 => u64::from(train.batch) + 1,
+            // Those of each view, their mean, and messages where several processes train.
+            false if train.batch > 1 => u64::from(train.batch) + 4,
             false => 0,
         };
         let (limit, most_splats) = (train.splat_limit(plan.train_px) as u64, train.most_splats(plan.train_px) as u64);

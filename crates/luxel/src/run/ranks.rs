@@ -60,7 +60,7 @@ pub(super) fn broadcast(exchange: &mut dyn Exchange, bytes: &[u8]) -> Result<Vec
         words.extend(bytes.chunks(4).map(|chunk| u32::from_le_bytes(std::array::from_fn(|i| chunk.get(i).copied().unwrap_or(0)))));
     }
     let messages = exchange.all_gather(&words).map_err(|error| Error::new(error.to_string()))?;
-    let Some((rest, words)) = messages.first().and_then(|message| message.split_first()) else {
+    let Some((rest, words)) = messages.iter().next().and_then(|message| message.split_first()) else {
         return Err(Error::new("rank 0 sent nothing; do all ranks run the same command?"));
     };
     let mut bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();

@@ -242,8 +242,8 @@ impl Session<'_> {
         let synced = state.log.sync();
         self.report_log(synced, state);
         let iteration = self.trainer.iteration();
-        let snapshot = self.trainer.snapshot()?;
-        let write = |path: &Path| luxel_io::write_checkpoint(path, &snapshot);
+        let mut saved = self.trainer.saved_state()?;
+        let write = |path: &Path| luxel_io::write_checkpoint(path, &mut saved);
         let path = save_checkpoint(self.folder, &self.config.run, iteration, write)?;
         self.restore_log(state);
         self.observer.event(Event::Saved { path });

@@ -6,12 +6,13 @@
 //! cameras that are no pinholes, supersampling and deep images are refused; the scene file of a run
 //! has none of these limits.
 
+use std::ops::Range;
 use std::sync::{Arc, PoisonError, RwLock};
 
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{
-    ChannelSource, ChannelStep, DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, Layers, PassTime, SeenSplats,
-    SparseGradients, StepConfig,
+    ChannelSource, ChannelStep, DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, Layers, PassTime, SavedPart,
+    SeenSplats, SparseGradients, SplatArray, StepConfig,
 };
 use luxel_core::{
     Antialias, Camera, Cutoffs, Engine, EngineError, Image, Moments, RasterConfig, Remedy, RenderOptions, Splats, StepReport, View,
@@ -131,6 +132,14 @@ impl Engine for LiftedEngine {
 
     fn save(&mut self) -> Result<(Splats, Moments), EngineError> {
         self.inner.save()
+    }
+
+    fn save_array(&mut self, part: SavedPart, array: SplatArray, splats: Range<usize>) -> Result<Vec<f32>, EngineError> {
+        self.inner.save_array(part, array, splats)
+    }
+
+    fn replace_parameters(&mut self, splats: &Splats) -> Result<(), EngineError> {
+        self.inner.replace_parameters(splats)
     }
 
     fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError> {

@@ -17,13 +17,10 @@ impl Trainer {
         if most <= 0.0 || self.state.config.freezes_geometry() || !(step.is_multiple_of(INTERVAL) || step >= self.state.config.iterations) {
             return Ok(());
         }
-        let (mut splats, moments) = self.engine.save()?;
+        let mut splats = self.engine.splats()?;
         let count = splats.limit_aspect(most);
         if count > 0 {
-            // Loading starts statistics anew.
-            let stats = self.engine.densify_stats()?;
-            self.engine.load(&splats, Some(&moments))?;
-            self.engine.set_densify_stats(&stats)?;
+            self.engine.replace_parameters(&splats)?;
         }
         tracing::debug!(step, count, "needles shortened");
         Ok(())

@@ -3,8 +3,6 @@
 //! In: the engine's parameters after each of the last steps. Out: the engine's scene, replaced by
 //! their mean. Degenerate: without such steps the scene stays as it is.
 
-use luxel_core::Moments;
-
 use super::Trainer;
 use crate::TrainError;
 use crate::average::Average;
@@ -31,24 +29,23 @@ impl Trainer {
             self.average = None;
         }
         if self.schedule.averages_after(step) {
-            let (splats, moments) = self.engine.save()?;
             match &mut self.average {
-                Some(average) => average.add(splats),
-                None => self.average = Some(Average::new(splats, 1)),
+                Some(average) => average.add(&mut *self.engine)?,
+                None => self.average = Some(Average::new(self.engine.splats()?, 1)),
             }
             if step == self.schedule.end {
-                self.load_average(&moments)?;
+                self.load_average()?;
             }
         }
         self.state.averaged = self.average.as_ref().map_or(0, Average::count);
         Ok(())
     }
 
-    /// Replaces the scene by the mean, if there is one. Adam's `moments` stay, so that a longer run
+    /// Replaces the scene by the mean, if there is one. Adam's moments stay, so that a longer run
     /// can continue from there.
-    fn load_average(&mut self, moments: &Moments) -> Result<(), TrainError> {
+    fn load_average(&mut self) -> Result<(), TrainError> {
         if let Some(average) = self.average.take() {
-            self.engine.load(average.mean(), Some(moments))?;
+            self.engine.replace_parameters(average.mean())?;
         }
         self.state.averaged = 0;
         Ok(())
@@ -62,8 +59,7 @@ impl Trainer {
     pub fn finish_average(&mut self) -> Result<bool, TrainError> {
         let is_due = self.average.is_some() && self.schedule.is_averaging(self.state.iteration) && self.is_finished();
         if is_due {
-            let (_, moments) = self.engine.save()?;
-            self.load_average(&moments)?;
+            self.load_average()?;
         }
         Ok(is_due)
     }

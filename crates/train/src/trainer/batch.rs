@@ -19,7 +19,7 @@ use crate::TrainError;
 use crate::camera_response::exposure_of;
 use crate::config::{BatchRule, TrainConfig};
 use crate::recorded::{curve, radiance_of};
-use crate::reduce::{BlockShape, Slots, lost, sum_over_slots};
+use crate::reduce::{BlockShape, Slots, lost};
 use crate::report_words;
 use crate::state::State;
 use crate::vignetting::Lenses;
@@ -133,11 +133,10 @@ impl Trainer {
             blocks: self.engine.len().div_ceil(SPLATS_PER_BLOCK) as u32,
         };
         let start = Instant::now();
-        let mut sum = sum_over_slots(&mut *self.exchange, slots, &gradients, scene)?;
-        tracing::trace!(step = config.step, seconds = start.elapsed().as_secs_f64(), blocks = sum.blocks().len(), "gradients summed");
-        drop(gradients);
-        sum.scale(1.0 / slots.batch as f32);
-        self.engine.apply_gradients(&sum, config)?;
+        let mean = self.batch_mean.of(&mut *self.exchange, slots, &gradients, scene)?;
+        tracing::trace!(step = config.step, seconds = start.elapsed().as_secs_f64(), blocks = mean.blocks().len(), "mean of the batch");
+        gradients.into_iter().for_each(|gradients| self.engine.reuse_gradients(gradients));
+        self.engine.apply_gradients(mean, config)?;
         Ok(reports)
     }
 
@@ -173,7 +172,7 @@ impl Trainer {
             message.extend(found.unwrap_or_default().map(f32::to_bits));
         }
         let mut found = Vec::new();
-        for message in self.exchange.all_gather(&message)? {
+        for message in self.exchange.all_gather(&message)?.iter() {
             found.extend_from_slice(message.as_chunks::<4>().0);
         }
         for (of, [is_there, log_ratio @ ..]) in views.iter().zip(found) {

@@ -87,7 +87,7 @@ impl Trainer {
         let found = if has_images { self.lead_db(step, aside)? } else { None };
         let message = found.map(|lead_db| [lead_db.to_bits() as u32, (lead_db.to_bits() >> 32) as u32]);
         let messages = self.exchange.all_gather(message.as_ref().map_or(&[], |words| &words[..]))?;
-        let lead = |words: &Vec<u32>| match words[..] {
+        let lead = |words: &[u32]| match *words {
             [low, high] => Some(f64::from_bits(u64::from(high) << 32 | u64::from(low))),
             _ => None,
         };

@@ -72,7 +72,9 @@ impl Trainer {
         let numbers = position.as_flattened().iter().chain(log_scale.as_flattened()).chain(&opacity_logit);
         let digest = numbers.fold(DIGEST_START, |digest, value| (digest ^ u64::from(value.to_bits())).wrapping_mul(DIGEST_FACTOR));
         let digests = self.exchange.all_gather(&[digest as u32, (digest >> 32) as u32])?;
-        match digests.iter().position(|found| *found != digests[0]) {
+        let mut digests = digests.iter();
+        let first = digests.next();
+        match digests.position(|found| Some(found) != first).map(|others| others + 1) {
             Some(rank) => Err(ExchangeError(format!(
                 "after step {step}, rank {rank} holds another scene than rank 0; run all ranks on processors, or GPUs, of the same kind"
             ))

@@ -3,6 +3,7 @@
 //! In: a data set, a configuration or a snapshot, an engine. Out: a [`Trainer`] whose engine holds
 //! the scene. Degenerate: views or states that cannot be trained are errors.
 
+use luxel_core::engine::ParameterRows;
 use luxel_core::{
     Alone, Antialias, CameraProjection, Dataset, Engine, EngineError, RadianceScale, Remedy, Scene, Snapshot, Splats, View, spatial_order,
 };
@@ -16,6 +17,7 @@ use crate::holdout::views_aside;
 use crate::peers::{LiftedEngine, SharedNetworks, check_captured, check_pairs, one_exposure};
 use crate::pixel_weights::ToneScale;
 use crate::recorded::is_recorded;
+use crate::reduce::BatchMean;
 use crate::state::{Start, State, learns_response, poses_of};
 use crate::views::TrainingViews;
 use crate::vignetting::{Lenses, check_lenses};
@@ -126,6 +128,7 @@ impl Trainer {
 
     fn assemble(dataset: &Dataset, state: State, average: Option<Average>, engine: Box<dyn Engine>) -> Self {
         let config = &state.config;
+        let color_model = config.color_model();
         let schedule = Schedule::new(config, state.planned_iterations, state.extent);
         let side_px = dataset.train.iter().flat_map(|view| view.camera.size_px).min().unwrap_or(1);
         let stages = config.resolution_schedule.stages(state.planned_iterations, schedule.densify_interval, side_px);
@@ -156,6 +159,7 @@ impl Trainer {
             lift,
             aside,
             exchange: Box::new(Alone),
+            batch_mean: BatchMean::new(ParameterRows { color_model }),
             step_views: Vec::new(),
             wants_to_stop: false,
             is_asked_to_stop: false,

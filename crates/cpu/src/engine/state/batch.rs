@@ -31,12 +31,18 @@ impl State {
         if step.camera_gradient == CameraGradientChoice::Compute {
             report.camera = Some(self.camera_backward(camera, view, step));
         }
-        let Self { level, parameters, smoothing, frame, timings, .. } = self;
+        let Self { level, parameters, smoothing, frame, spare_gradients, timings, .. } = self;
         let inputs = Inputs::new(parameters, smoothing, &frame.bins, &frame.entries, &step.loss);
         let mut clock = Clock::new(timings);
-        let gradients = sparse_gradients(*level, camera, &inputs, &parameters.lanes, step.stats);
+        let spare = spare_gradients.pop().unwrap_or_else(|| SparseGradients::none(parameters.layout));
+        let gradients = sparse_gradients(*level, camera, &inputs, &parameters.lanes, step.stats, spare);
         clock.lap(Pass::ProjectBackward);
         (report, gradients)
+    }
+
+    /// Keeps gradients whose memory the next ones have.
+    pub(in crate::engine) fn reuse_gradients(&mut self, gradients: SparseGradients) {
+        self.spare_gradients.push(gradients);
     }
 
     /// Makes the update of a step from gradients of its splats.

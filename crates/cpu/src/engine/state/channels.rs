@@ -157,7 +157,7 @@ impl State {
         let ChannelFrame { sums, by_radiance, .. } = &frame.channels;
         let inputs = Inputs::new(parameters, smoothing, &frame.bins, &sums.entries, &step.loss).with_radiance(by_radiance, measured);
         let mut clock = Clock::new(timings);
-        let gradients = sparse_gradients(*level, camera, &inputs, &parameters.lanes, step.stats);
+        let gradients = sparse_gradients(*level, camera, &inputs, &parameters.lanes, step.stats, SparseGradients::none(parameters.layout));
         clock.lap(Pass::ProjectBackward);
         (report, gradients)
     }
