@@ -1,7 +1,8 @@
 //! Steps whose caller owns channels and loss: methods that blend several images of the same splats.
 //!
 //! In: from the engine, the radiance of the splats that a view shows; blended images of the
-//! caller's channels. Out: channels of the splats, the loss, and gradients by channels and radiance.
+//! caller's channels. Out: channels of the splats, the loss, and gradients by channels and
+//! radiance.
 //! The engine keeps its scene, its passes and its update; the caller sees no other parameter.
 //!
 //! Channels have the same weights in blending, those of the splats' geometry. Degenerate: no

@@ -12,9 +12,9 @@ use rayon::prelude::*;
 
 use super::blended::Blended;
 use super::screens::{ScreenView, Screens, Shared, ViewBuffers};
-use crate::lanes::{LANES, Lanes, V, with_simd};
+use crate::lanes::{LANES, Lanes, V, fill_rows, with_simd};
 use crate::passes::activated::{
-    ActivatedStore, EllipseLanes, EllipseRows, ROWS, SplatLanes, WantedParts, fill_rows, project_activated, project_activated_backward,
+    ActivatedStore, EllipseLanes, EllipseRows, ROWS, SplatLanes, WantedParts, project_activated, project_activated_backward,
 };
 use crate::passes::project::Footprint;
 use crate::view::ScreenCamera;

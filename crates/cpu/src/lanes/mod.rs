@@ -229,6 +229,23 @@ pub(crate) fn dot<S: Simd>(a: [V<S>; 3], b: [V<S>; 3]) -> V<S> {
     a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
 }
 
+/// Transposes the numbers of at most sixteen splats to the first rows.
+#[inline(always)]
+pub(crate) fn fill_rows<const N: usize>(rows: &mut [Lanes], numbers: &[[f32; N]]) {
+    if let Ok(numbers) = <&[[f32; N]; LANES]>::try_from(numbers) {
+        // Of fixed length: the compiler makes exchanges of vectors of it.
+        for (c, row) in rows.iter_mut().enumerate().take(N) {
+            row.0 = std::array::from_fn(|lane| numbers[lane][c]);
+        }
+        return;
+    }
+    for (c, row) in rows.iter_mut().enumerate().take(N) {
+        for (out, numbers) in row.0.iter_mut().zip(numbers) {
+            *out = numbers[c];
+        }
+    }
+}
+
 /// Runs `$body` compiled for the instruction set `$level`, with its token as `$simd`.
 macro_rules! with_simd {
     ($level:expr, $simd:ident => $body:expr) => {

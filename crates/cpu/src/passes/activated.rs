@@ -17,7 +17,7 @@ use super::ellipse_backward::{ShapeGradient, compensation_backward, shape_backwa
 use super::encoding::Linear;
 use super::project::{Centered, Footprint, Projection, store_footprints};
 use super::project_backward::{finite, point_backward};
-use crate::lanes::{LANES, Lanes, V, dot, with_simd};
+use crate::lanes::{LANES, Lanes, V, dot, fill_rows, with_simd};
 use crate::view::ScreenCamera;
 
 /// Rows of a splat: position 3, rotation 4, scale 3, opacity 1.
@@ -48,23 +48,6 @@ impl ActivatedStore {
             rows
         };
         Self { count, blocks: (0..count.div_ceil(LANES)).into_par_iter().with_min_len(64).map(block).collect() }
-    }
-}
-
-/// Transposes the numbers of at most sixteen splats to the first rows.
-#[inline(always)]
-pub(crate) fn fill_rows<const N: usize>(rows: &mut [Lanes], numbers: &[[f32; N]]) {
-    if let Ok(numbers) = <&[[f32; N]; LANES]>::try_from(numbers) {
-        // Of fixed length: the compiler makes exchanges of vectors of it.
-        for (c, row) in rows.iter_mut().enumerate().take(N) {
-            row.0 = std::array::from_fn(|lane| numbers[lane][c]);
-        }
-        return;
-    }
-    for (c, row) in rows.iter_mut().enumerate().take(N) {
-        for (out, numbers) in row.0.iter_mut().zip(numbers) {
-            *out = numbers[c];
-        }
     }
 }
 

@@ -218,9 +218,11 @@ pub(crate) fn blend_backward(
             channels.collect_more(bins, tile, &record.list.entries, &mut colors);
             let parts = MoreParts { colors: &colors, background: &background, gradient, blocks: &blocks };
             match roles.measured {
-                MeasuredChannels::All => differentiate_more(inputs, record, &work, out, &mut parts.differentiate::<false>(roles, more)),
+                MeasuredChannels::All => {
+                    differentiate_more(inputs, record, &work, out, &mut parts.differentiate::<false>(roles, more));
+                }
                 MeasuredChannels::FirstThree => {
-                    differentiate_more(inputs, record, &work, out, &mut parts.differentiate::<true>(roles, more))
+                    differentiate_more(inputs, record, &work, out, &mut parts.differentiate::<true>(roles, more));
                 }
             }
         });

@@ -2,8 +2,8 @@
 //! back from them.
 //!
 //! In: pixels of tiles, sums of entries. Out: planes `[K, H, W]` of an image; from planes, the
-//! gradient block by block; by splat, radiance `[N]` and gradients by channels `[N, K]`. Degenerate:
-//! blocks that hang over the image have gradients of 0 beyond it.
+//! gradient block by block; by splat, radiance `[N]` and gradients by channels `[N, K]`.
+//! Degenerate: blocks that hang over the image have gradients of 0 beyond it.
 
 use luxel_core::each;
 use rayon::prelude::*;
@@ -32,7 +32,11 @@ pub(crate) fn to_planes(pixels: &ChannelPixels, camera: &ScreenCamera, count: us
                 } else {
                     &pixels.more[(tile * BLOCKS + block) * more + channel - FIRST]
                 };
-                out.copy_from_slice(&lanes.0[lane..lane + out.len()]);
+                let row = &lanes.0.as_chunks::<BLOCK_PX>().0[lane / BLOCK_PX];
+                match out.first_chunk_mut() {
+                    Some(out) => *out = *row,
+                    None => out.copy_from_slice(&row[..out.len()]),
+                }
             }
         }
     });
@@ -52,7 +56,11 @@ pub(crate) fn fill_gradient(gradient: &mut ChannelGradient, camera: &ScreenCamer
         if columns > 0 {
             for row in 0..BLOCK_PX.min(height.saturating_sub(y)) {
                 let from = &planes[channel * width * height + (y + row) * width + x..][..columns];
-                lanes.0[row * BLOCK_PX..][..columns].copy_from_slice(from);
+                let out = &mut lanes.0.as_chunks_mut::<BLOCK_PX>().0[row];
+                match from.first_chunk() {
+                    Some(from) => *out = *from,
+                    None => out[..columns].copy_from_slice(from),
+                }
             }
         }
         lanes
@@ -104,13 +112,16 @@ pub(crate) fn gather_channels(splats: ScreenSplats<'_>, sums: &EntrySums, count:
         for (block, out) in out.chunks_mut(LANES * count).enumerate() {
             let entries = splats.bins.entries(chunk * CHUNK + block * LANES, out.len() / count);
             for (entries, out) in entries.zip(out.chunks_mut(count)) {
-                out.fill(0.0);
-                let (first, others) = out.split_at_mut(FIRST);
+                let mut first = [0.0; FIRST];
+                let (of_first, others) = out.split_at_mut(FIRST);
+                others.fill(0.0);
                 for entry in entries {
                     let entry = *entry as usize;
-                    first.iter_mut().zip(sums.entries[entry].radiance).for_each(|(sum, part)| *sum += part);
-                    others.iter_mut().zip(&sums.more[entry * width..]).for_each(|(sum, part)| *sum += part);
+                    let radiance = sums.entries[entry].radiance;
+                    each!([0, 1, 2] c => first[c] += radiance[c]);
+                    others.iter_mut().zip(&sums.more[entry * width..][..more]).for_each(|(sum, part)| *sum += part);
                 }
+                of_first.copy_from_slice(&first);
             }
         }
     });

@@ -57,13 +57,14 @@ impl BlendChannels<'_> {
     #[inline(always)]
     fn blend_some<S: Simd, const N: usize>(&mut self, simd: S, channel: usize, weights: &[Lanes], entries: &[u32]) {
         let count = self.background.len();
-        let pixels = &mut self.pixels[self.first + channel..][..N];
+        let Some(pixels) = self.pixels[self.first + channel..].first_chunk_mut::<N>() else { return };
         let mut sums = [V::splat(simd, 0.0); N];
         for (sum, pixels) in sums.iter_mut().zip(&*pixels) {
             *sum = V::load(simd, pixels);
         }
         for (weight, entry) in weights.iter().zip(entries) {
-            let (weight, colors) = (V::load(simd, weight), &self.colors[*entry as usize * count + channel..][..N]);
+            let Some(colors) = self.colors[*entry as usize * count + channel..].first_chunk::<N>() else { return };
+            let weight = V::load(simd, weight);
             for (sum, color) in sums.iter_mut().zip(colors) {
                 *sum = weight.mul_add(V::splat(simd, *color), *sum);
             }

@@ -35,7 +35,7 @@ pub(crate) struct Unwound<S: Simd> {
     pub(crate) blended: V<S>,
     /// The first three channels, dotted with the pixels' gradient.
     pub(crate) shading: V<S>,
-    /// Where alpha is not capped.
+    /// The pixels at which alpha is not capped.
     pub(crate) is_free: M<S>,
 }
 

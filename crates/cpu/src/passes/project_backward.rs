@@ -15,7 +15,6 @@ use fearless_simd::{Simd, f32x4};
 use luxel_core::engine::{MeasuredChannels, ParameterRows};
 use luxel_core::{LossWeights, Real, each};
 
-use super::activated::fill_rows;
 use super::bin::Bins;
 use super::color_backward::color_backward;
 use super::ellipse_backward::{EllipseGradient, ShapeGradient, compensation_backward, mean_backward, moments_backward, shape_backward};
@@ -24,7 +23,7 @@ use super::project::{Projection, SQRT_HALF_LOG2_E};
 use super::project_backward_rays::{self, PlaneGradient, dilation_backward};
 use super::project_rays::{Facing, project_to_plane};
 use super::sums::{ENTRY_LEN, EntryGradient};
-use crate::lanes::{LANES, Lanes, V, dot};
+use crate::lanes::{LANES, Lanes, V, dot, fill_rows};
 use crate::store::{Block, Store, StoreShape};
 use crate::view::ScreenCamera;
 

@@ -53,10 +53,11 @@ impl<'a> SplatChannels<'a> {
 
     /// Collects the other channels of a tile's entries, `[entries, E]`.
     pub(crate) fn collect_more(&self, bins: &Bins, tile: usize, entries: &[Entry], out: &mut Vec<f32>) {
-        out.clear();
-        if self.more() > 0 {
-            let start = bins.range(tile).start;
-            out.extend(entries.iter().flat_map(|entry| &self.row(bins.splat(start + entry.place as usize))[FIRST..]));
+        let (more, start) = (self.more(), bins.range(tile).start);
+        out.resize(entries.len() * more, 0.0);
+        for (out, entry) in out.chunks_exact_mut(more.max(1)).zip(entries) {
+            let row = &self.row(bins.splat(start + entry.place as usize))[FIRST..];
+            out.iter_mut().zip(row).for_each(|(out, number)| *out = *number);
         }
     }
 }

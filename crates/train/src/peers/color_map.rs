@@ -108,14 +108,14 @@ pub(super) fn mapped_backward(
         let mut sums = zero();
         for (i, out) in out.iter_mut().enumerate().filter(|(i, _)| splats.visible[start + i]) {
             let by = by_mapped.row(start + i);
-            for c in 0..3 {
+            for (c, out) in out.iter_mut().enumerate() {
                 let by_argument = f64::from(by[c]) * f64::from(slopes[i][c]);
                 if by_argument == 0.0 {
                     continue;
                 }
                 let at = LinePlace { piece: kept.pieces[start + i][c].into(), input: inputs[i][c].into() };
                 let by_input = map.backward(&map.tables()[c], &mut sums[c], at, by_argument);
-                out[c] += (by_input * map.input_slope(colors[i][c])) as f32;
+                *out += (by_input * map.input_slope(colors[i][c])) as f32;
             }
         }
         sums

@@ -114,16 +114,17 @@ impl Cycle {
             let last = pixels.len() - 1;
             let inputs = [load(simd, &pixels[0]), load(simd, &pixels[last])];
             let mut heads = [[f32x16::splat(simd, 0.0); HEADS]; 2];
-            for k in 0..HEADS {
-                let bias = f32x16::splat(simd, self.numbers[HEAD_BIASES + k]);
+            for (k, bias) in self.numbers[HEAD_BIASES..].iter().enumerate() {
+                let bias = f32x16::splat(simd, *bias);
                 (heads[0][k], heads[1][k]) = (bias, bias);
             }
+            let [first, second] = &mut heads;
             for unit in 0..UNITS {
                 let h = [self.hidden(simd, unit, &inputs[0]), self.hidden(simd, unit, &inputs[1])];
-                for k in 0..HEADS {
+                for (k, (first, second)) in first.iter_mut().zip(&mut *second).enumerate() {
                     let weight = f32x16::splat(simd, self.numbers[OUTGOING + k * UNITS + unit]);
-                    heads[0][k] = h[0].mul_add(weight, heads[0][k]);
-                    heads[1][k] = h[1].mul_add(weight, heads[1][k]);
+                    *first = h[0].mul_add(weight, *first);
+                    *second = h[1].mul_add(weight, *second);
                 }
             }
             for (heads, (values, slopes)) in heads.into_iter().zip(values.iter_mut().zip(slopes)) {
@@ -227,11 +228,11 @@ impl Cycle {
         for (unit, sums) in (first..).zip(sums) {
             let h = [self.hidden(simd, unit, &inputs[0]), self.hidden(simd, unit, &inputs[1])];
             let mut by_hidden = [zero; 2];
-            for k in 0..HEADS {
+            for (k, sum) in sums.iter_mut().enumerate().take(HEADS) {
                 let weight = f32x16::splat(simd, n[OUTGOING + k * UNITS + unit]);
                 by_hidden[0] = by[0][k].mul_add(weight, by_hidden[0]);
                 by_hidden[1] = by[1][k].mul_add(weight, by_hidden[1]);
-                add(simd, &mut sums[k], by[0][k].mul_add(h[0], by[1][k] * h[1]));
+                add(simd, sum, by[0][k].mul_add(h[0], by[1][k] * h[1]));
             }
             let by_z = [h[0].simd_gt(zero).select(by_hidden[0], zero), h[1].simd_gt(zero).select(by_hidden[1], zero)];
             add(simd, &mut sums[HEADS], by_z[0] + by_z[1]);
@@ -265,11 +266,11 @@ impl Cycle {
 #[inline(always)]
 fn finish<S: Simd>(simd: S, heads: [f32x16<S>; HEADS], values: &mut Block<3>, slopes: &mut Block<HEADS>) {
     let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
-    for c in 0..3 {
+    for (c, out) in values.iter_mut().enumerate() {
         let (relu, tanh) = (heads[c], tanh(simd, heads[3 + c]));
         let value = sigmoid(simd, relu.max(zero) + tanh);
         let by_sum = value * (one - value);
-        value.store_array(&mut values[c]);
+        value.store_array(out);
         relu.simd_gt(zero).select(by_sum, zero).store_array(&mut slopes[c]);
         (by_sum * (one - tanh * tanh)).store_array(&mut slopes[3 + c]);
     }

@@ -23,7 +23,7 @@ use super::blocks::{CHUNK, from_planes, to_planes};
 use super::functions::{Elementwise, LANES, LnAbove, ln, map_all};
 use super::gauss_loss::{GaussImages, compare_images};
 use super::gauss_networks::GaussNetworks;
-use super::gauss_tone::{FEATURES, Items, OUTPUTS, Values};
+use super::gauss_tone::{FEATURES, Items, OUTPUTS, Values, local_value};
 
 /// Exposure that is added before the logarithm of a pixel's.
 const BLACK: f32 = 1e-5;
@@ -68,13 +68,6 @@ pub(crate) struct GaussGradients {
     pub(crate) by_features: Vec<f32>,
     /// By the networks' numbers.
     pub(crate) by_numbers: Vec<f64>,
-}
-
-/// Returns the captured value of a global value and a local shift, and whether its gradient passes.
-#[inline(always)]
-pub(super) fn local_value(global: f32, shift: f32) -> (f32, bool) {
-    let y = global + shift - 0.5;
-    (y.clamp(0.0, 1.0), (0.0..=1.0).contains(&y))
 }
 
 /// ln(max(x, 0) exposure + BLACK).
@@ -142,9 +135,9 @@ impl ChannelSource for GaussStep<'_> {
         blocks.with_min_len(CHUNK).filter(|(_, slot)| **slot != HIDDEN).for_each(|((out, radiance), slot)| {
             let (item, values) = (&self.items[*slot as usize], &self.values[*slot as usize]);
             for (lane, (row, rgb)) in out.chunks_exact_mut(CHANNELS).zip(radiance).enumerate() {
-                for c in 0..3 {
+                for (c, x) in rgb.iter().enumerate() {
                     row[c] = local_value(values[c][lane], values[3 + c][lane]).0;
-                    row[RADIANCE + c] = rgb[c];
+                    row[RADIANCE + c] = *x;
                     row[UNCERTAINTY + c] = values[6 + c][lane];
                 }
                 (0..FEATURES).for_each(|k| row[FEATURE + k] = item[3 + k][lane]);
@@ -226,9 +219,9 @@ impl ChannelStep for GaussStep<'_> {
                 let by_item = &found.by_item[*slot as usize];
                 let rows = by_channels.chunks_exact(CHANNELS).zip(visible).enumerate();
                 for (lane, (row, _)) in rows.filter(|(_, (_, visible))| **visible) {
-                    for c in 0..3 {
+                    for (c, by_log) in by_item[..3].iter().enumerate() {
                         let x = radiance[lane][c];
-                        out[lane][c] = row[RADIANCE + c] + if x > DARKEST { by_item[c][lane] / x } else { 0.0 };
+                        out[lane][c] = row[RADIANCE + c] + if x > DARKEST { by_log[lane] / x } else { 0.0 };
                     }
                     for k in 0..FEATURES {
                         by_features[lane * FEATURES + k] = row[FEATURE + k] + by_item[3 + k][lane];

@@ -16,8 +16,7 @@ use luxel_core::{LossWeights, View};
 use rayon::prelude::*;
 
 use super::functions::{LANES, ln};
-use super::gauss_hdr::local_value;
-use super::gauss_tone::{LEAST_UNCERTAINTY, OUTPUTS};
+use super::gauss_tone::{LEAST_UNCERTAINTY, local_value};
 use super::image_loss::{Compared, ComparedOut, Comparison, compare};
 use super::radiance_loss::planes_of;
 
@@ -80,7 +79,7 @@ pub(super) fn compare_images(
     };
     let (mut d2, mut d3, mut by_local) = (vec![0.0; len], vec![0.0; len], vec![0.0; len]);
     let (by_global, rest) = by_pixels.split_at_mut(len);
-    let (by_shift, by_u2) = rest.split_at_mut(OUTPUTS / 9 * len);
+    let (by_shift, by_u2) = rest.split_at_mut(len);
     let (of_y, (of_z, of_global)) = rayon::join(
         || compared(images.captured, Some(&share), 1.0, by_captured, Some(&mut d3)),
         || {

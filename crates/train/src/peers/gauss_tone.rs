@@ -4,8 +4,8 @@
 //! g_c(s_c), the local shift r_c(s_c, f), both through a logistic, and the uncertainty
 //! max(softplus(u(s_c, f)), [`LEAST_UNCERTAINTY`]), of which one network serves all channels; and
 //! the gradients by the items and by the networks' numbers. Items have no gradient by their
-//! uncertainty, as published. Items come in blocks of sixteen, are taken in chunks of constant size,
-//! and their sums are added in order: the same bits for any number of threads.
+//! uncertainty, as published. Items come in blocks of sixteen, are taken in chunks of constant
+//! size, and their sums are added in order: the same bits for any number of threads.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, f32x16};
@@ -83,11 +83,18 @@ fn load<const R: usize, S: Simd>(simd: S, blocks: [&Block<R>; 2]) -> Pair<S, R> 
 #[inline(always)]
 fn with_feature<S: Simd>(items: &Pair<S, INPUTS>, channel: usize) -> Pair<S, { 1 + FEATURES }> {
     let mut inputs = [[items[0][channel]; 1 + FEATURES]; 2];
-    for b in 0..2 {
-        inputs[b][0] = items[b][channel];
-        inputs[b][1..].copy_from_slice(&items[b][3..]);
+    for (inputs, items) in inputs.iter_mut().zip(items) {
+        inputs[0] = items[channel];
+        inputs[1..].copy_from_slice(&items[3..]);
     }
     inputs
+}
+
+/// Returns the captured value of a global value and a local shift, and whether its gradient passes.
+#[inline(always)]
+pub(super) fn local_value(global: f32, shift: f32) -> (f32, bool) {
+    let y = global + shift - 0.5;
+    (y.clamp(0.0, 1.0), (0.0..=1.0).contains(&y))
 }
 
 /// Returns ln(1 + e^s), cut to 1: the curve that global networks begin with.
@@ -288,15 +295,15 @@ fn load_pair<S: Simd>(simd: S, items: &[Items], by_raw: &[Values]) -> (Pair<S, I
 fn differentiate_outputs<S: Simd>(simd: S, values: &Values, by_value: &Values, out: &mut Values) {
     let (one, zero) = (f32x16::splat(simd, 1.0), f32x16::splat(simd, 0.0));
     let least = f32x16::splat(simd, LEAST_UNCERTAINTY);
-    for k in 0..OUTPUTS {
-        let (value, by) = (f32x16::load_array_ref(simd, &values[k]), f32x16::load_array_ref(simd, &by_value[k]));
+    for (k, ((out, value), by)) in out.iter_mut().zip(values).zip(by_value).enumerate() {
+        let (value, by) = (f32x16::load_array_ref(simd, value), f32x16::load_array_ref(simd, by));
         let slope = if k < 6 {
             value * (one - value)
         } else {
             // The logistic of the output is 1 - e^-softplus.
             value.simd_gt(least).select(one - exp(simd, -value), zero)
         };
-        (by * slope).store_array(&mut out[k]);
+        (by * slope).store_array(out);
     }
 }
 

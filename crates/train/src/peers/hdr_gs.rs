@@ -50,7 +50,7 @@ mod tests {
             let targets = scene.targets(&config);
             let mut step = targets.hdr_gs(&mappers);
             let (report, splats) = scene.gradients(&mut step);
-            // The recording's 2 s and the mean exposure of 1 s.
+            // The captured image has 2 s, and the mean exposure is 1 s.
             let loss = |point: &Point| hdr_gs(&scene, &config, 2f64.ln(), point);
             assert!((f64::from(report.loss) - loss(&point)).abs() < 1e-5, "{} {}", report.loss, loss(&point));
             check_splats(&splats, &point, loss);

@@ -25,8 +25,8 @@ pub(super) struct Compared<'a> {
     pub(super) target: &'a [f32],
     /// Weights of pixels, `[H, W]`.
     pub(super) pixels: Option<&'a [f32]>,
-    /// Weights of the difference of each value and of the SSIM of the window around it, `[3, H, W]`;
-    /// L1 and SSIM that are reported have them, too.
+    /// Weights of the difference of each value and of the SSIM of the window around it, `[3, H,
+    /// W]`; L1 and SSIM that are reported have them, too.
     pub(super) values: Option<&'a [f32]>,
     /// Factor of the gradient.
     pub(super) factor: f32,
@@ -115,37 +115,46 @@ struct ChannelOut<'a> {
 
 /// A plane whose rows are whole vectors, with zeros behind the last pixel.
 struct Padded {
+    /// Vectors of a row.
     stride: usize,
-    values: Vec<f32>,
+    vectors: Vec<[f32; LANES]>,
 }
 
 impl Padded {
     fn zeros([width, height]: [usize; 2]) -> Self {
-        let stride = width.next_multiple_of(LANES);
-        Self { stride, values: vec![0.0; stride * height] }
+        let stride = width.div_ceil(LANES);
+        Self { stride, vectors: vec![[0.0; LANES]; stride * height] }
     }
 
     #[inline(always)]
-    fn load<S: Simd>(&self, simd: S, row: usize, column: usize) -> f32x16<S> {
-        f32x16::from_slice(simd, &self.values[row * self.stride + column..][..LANES])
+    fn load<S: Simd>(&self, simd: S, row: usize, vector: usize) -> f32x16<S> {
+        f32x16::load_array_ref(simd, &self.vectors[row * self.stride + vector])
+    }
+
+    #[inline(always)]
+    fn store<S: Simd>(&mut self, row: usize, vector: usize, values: f32x16<S>) {
+        values.store_array(&mut self.vectors[row * self.stride + vector]);
     }
 
     fn row_mut(&mut self, row: usize, width: usize) -> &mut [f32] {
-        &mut self.values[row * self.stride..][..width]
+        &mut self.vectors[row * self.stride..][..self.stride].as_flattened_mut()[..width]
     }
 }
+
+/// Numbers that the window reads for a vector of sums along a row.
+const REACH: usize = LANES + 2 * SSIM_RADIUS;
 
 /// A row with room for the window on both sides.
 struct Margined(Vec<f32>);
 
 impl Margined {
     fn zeros(stride: usize) -> Self {
-        Self(vec![0.0; stride + 2 * SSIM_RADIUS + LANES])
+        Self(vec![0.0; stride * LANES + 2 * SSIM_RADIUS])
     }
 
     #[inline(always)]
-    fn store<S: Simd>(&mut self, column: usize, values: f32x16<S>) {
-        values.store_slice(&mut self.0[SSIM_RADIUS + column..][..LANES]);
+    fn store<S: Simd>(&mut self, vector: usize, values: f32x16<S>) {
+        values.store_slice(&mut self.0[SSIM_RADIUS + vector * LANES..][..LANES]);
     }
 
     /// Removes what lies behind the last pixel.
@@ -153,22 +162,30 @@ impl Margined {
         self.0[SSIM_RADIUS + width..].fill(0.0);
     }
 
-    /// Returns the window's sums along the row.
+    /// Returns the numbers that the window reads for a vector.
     #[inline(always)]
-    fn along<S: Simd>(&self, simd: S, taps: &[f32; SSIM_TAPS], column: usize) -> f32x16<S> {
-        let mut sum = f32x16::splat(simd, 0.0);
-        for (tap, weight) in taps.iter().enumerate() {
-            sum = f32x16::from_slice(simd, &self.0[column + tap..][..LANES]).mul_add(f32x16::splat(simd, *weight), sum);
-        }
-        sum
+    fn reach(&self, vector: usize) -> &[f32; REACH] {
+        self.0[vector * LANES..].first_chunk().unwrap_or(&[0.0; REACH])
     }
 }
 
-/// Returns the rows of an image under the window around `row`, each with its tap.
-fn window_rows(row: usize, height: usize) -> impl Iterator<Item = (usize, usize)> + Clone {
-    let first = SSIM_RADIUS.saturating_sub(row);
-    let end = SSIM_TAPS.min(height + SSIM_RADIUS - row);
-    (first..end).map(move |tap| (tap, row + tap - SSIM_RADIUS))
+/// Returns the window's sums along `N` rows.
+#[inline(always)]
+fn along<S: Simd, const N: usize>(simd: S, rows: &[Margined; N], taps: &[f32; SSIM_TAPS], vector: usize) -> [f32x16<S>; N] {
+    let mut sums = [f32x16::splat(simd, 0.0); N];
+    for (sum, row) in sums.iter_mut().zip(rows) {
+        let reach = row.reach(vector);
+        for (tap, weight) in taps.iter().enumerate() {
+            *sum = f32x16::from_slice(simd, &reach[tap..tap + LANES]).mul_add(f32x16::splat(simd, *weight), *sum);
+        }
+    }
+    sums
+}
+
+/// Returns the taps of the window around `row` that lie on the image; tap number n is on row
+/// `row + n - SSIM_RADIUS`.
+fn window_rows(row: usize, height: usize) -> std::ops::Range<usize> {
+    SSIM_RADIUS.saturating_sub(row)..SSIM_TAPS.min(height + SSIM_RADIUS - row)
 }
 
 impl Channel<'_> {
@@ -199,45 +216,47 @@ impl Channel<'_> {
         let mut sums = Sums::default();
         let mut by = [(); 3].map(|()| Padded::zeros(self.size));
         let mut rows = [(); 4].map(|()| Margined::zeros(x.stride));
-        let zero = f32x16::splat(simd, 0.0);
+        let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
         for row in 0..height {
-            for column in (0..width).step_by(LANES) {
-                let mut down = [zero; 4];
-                for (tap, from) in window_rows(row, height) {
-                    let (x, y, weight) = (x.load(simd, from, column), y.load(simd, from, column), f32x16::splat(simd, taps[tap]));
+            for vector in 0..x.stride {
+                let mut down = [zero; 5];
+                for tap in window_rows(row, height) {
+                    let from = row + tap - SSIM_RADIUS;
+                    let (x, y, weight) = (x.load(simd, from, vector), y.load(simd, from, vector), f32x16::splat(simd, taps[tap]));
                     let (wx, wy) = (weight * x, weight * y);
                     down[0] += wx;
                     down[1] += wy;
-                    down[2] = wx.mul_add(x, wy.mul_add(y, down[2]));
+                    down[2] = wx.mul_add(x, down[2]);
                     down[3] = wx.mul_add(y, down[3]);
+                    down[4] = wy.mul_add(y, down[4]);
                 }
-                for (row, down) in rows.iter_mut().zip(down) {
-                    row.store(column, down);
-                }
+                rows[0].store(vector, down[0]);
+                rows[1].store(vector, down[1]);
+                rows[2].store(vector, down[2] + down[4]);
+                rows[3].store(vector, down[3]);
             }
             rows.iter_mut().for_each(|row| row.end(width));
             let (mut ssim, mut weights) = (zero, zero);
-            for column in (0..width).step_by(LANES) {
-                let len = LANES.min(width - column);
-                let mut along = [zero; 4];
-                for (along, row) in along.iter_mut().zip(&rows) {
-                    *along = row.along(simd, &taps, column);
-                }
-                let found = similarity(simd, along);
-                let weight = f32x16::load_array_ref(simd, &self.weights_of_values(row * width + column, len));
+            for vector in 0..x.stride {
+                let first = vector * LANES;
+                let len = LANES.min(width - first);
+                let found = similarity(simd, along(simd, &rows, &taps, vector));
+                let weight = f32x16::load_array_ref(simd, &self.weights_of_values(row * width + first, len));
                 ssim = weight.mul_add(found.ssim, ssim);
                 weights += weight;
                 for (by, value) in by.iter_mut().zip(found.by) {
-                    (weight * value).store_slice(&mut by.values[row * by.stride + column..][..LANES]);
+                    by.store(row, vector, weight * value);
                 }
                 if let Some(dissimilarity) = &mut dissimilarity {
-                    let values = (f32x16::splat(simd, 1.0) - found.ssim).to_array();
-                    dissimilarity[row * width + column..][..len].copy_from_slice(&values[..len]);
+                    let values = (one - found.ssim).to_array();
+                    dissimilarity[row * width + first..][..len].copy_from_slice(&values[..len]);
                 }
             }
             sums.ssim += f64::from(ssim.to_array().iter().sum::<f32>());
             sums.weight += f64::from(weights.to_array().iter().sum::<f32>());
         }
+        let [first, second, third, _] = rows;
+        let mut rows = [first, second, third];
         for row in 0..height {
             self.differentiate_row(simd, row, &x, &y, &by, &mut rows, &taps, &mut by_value[row * width..][..width], &mut sums);
         }
@@ -265,7 +284,7 @@ impl Channel<'_> {
         x: &Padded,
         y: &Padded,
         by: &[Padded; 3],
-        rows: &mut [Margined; 4],
+        rows: &mut [Margined; 3],
         taps: &[f32; SSIM_TAPS],
         out: &mut [f32],
         sums: &mut Sums,
@@ -274,32 +293,30 @@ impl Channel<'_> {
         let c = |value: f32| f32x16::splat(simd, value);
         let zero = c(0.0);
         let (l1, l2) = (self.by_difference * (1.0 - self.squared_share), self.by_difference * self.squared_share / SQUARED_KNEE);
-        for column in (0..width).step_by(LANES) {
+        for vector in 0..x.stride {
             let mut down = [zero; 3];
-            for (tap, from) in window_rows(row, height) {
-                let weight = c(taps[tap]);
+            for tap in window_rows(row, height) {
+                let (from, weight) = (row + tap - SSIM_RADIUS, c(taps[tap]));
                 for (down, by) in down.iter_mut().zip(by) {
-                    *down = by.load(simd, from, column).mul_add(weight, *down);
+                    *down = by.load(simd, from, vector).mul_add(weight, *down);
                 }
             }
             for (row, down) in rows.iter_mut().zip(down) {
-                row.store(column, down);
+                row.store(vector, down);
             }
         }
         rows.iter_mut().for_each(|row| row.end(width));
         let (mut absolute, mut squared) = (zero, zero);
-        for column in (0..width).step_by(LANES) {
+        for vector in 0..x.stride {
+            let column = vector * LANES;
             let len = LANES.min(width - column);
-            let (x, y) = (x.load(simd, row, column), y.load(simd, row, column));
+            let (x, y) = (x.load(simd, row, vector), y.load(simd, row, vector));
             let weight = f32x16::load_array_ref(simd, &self.weights_of_values(row * width + column, len));
             let d = x - y;
             absolute = weight.mul_add(d.abs(), absolute);
             squared = (weight * d).mul_add(d, squared);
             let sign = d.simd_gt(zero).select(c(l1), d.simd_lt(zero).select(c(-l1), zero));
-            let mut along = [zero; 3];
-            for (along, row) in along.iter_mut().zip(&*rows) {
-                *along = row.along(simd, taps, column);
-            }
+            let along = along(simd, rows, taps, vector);
             let by_window = y.mul_add(along[2], (x + x).mul_add(along[1], along[0]));
             let mut gradient = weight.mul_add(d.mul_add(c(l2), sign), c(self.by_ssim) * by_window).to_array();
             if let Some(weights) = self.pixels {

@@ -35,7 +35,7 @@ pub(crate) struct PairTargets<'a> {
     pub(crate) loss: LossWeights,
 }
 
-/// What the map of a method gives.
+/// The colours that the map of a method gives.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Mapped {
     /// Captured values, of splats that are radiance.

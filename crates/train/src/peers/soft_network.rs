@@ -1,5 +1,5 @@
-//! Small dense networks of one hidden layer of smooth units and one output, for two blocks of sixteen
-//! items at a time.
+//! Small dense networks of one hidden layer of smooth units and one output, for two blocks of
+//! sixteen items at a time.
 //!
 //! In: N numbers for each item. Out: u = c + sum over units j of v_j h(w_j . x + b_j),
 //! and the gradient by the inputs and by all numbers. h(z) = (z + sqrt(z^2 + 4 ln^2 2)) / 2 has the
@@ -8,6 +8,7 @@
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
+use luxel_core::each;
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
@@ -75,8 +76,8 @@ impl<const N: usize> SoftNetwork<N> {
     fn arguments<S: Simd>(simd: S, unit: &[f32], inputs: &Pair<S, N>) -> [f32x16<S>; 2] {
         let bias = f32x16::splat(simd, unit[N]);
         let mut z = [bias; 2];
-        for k in 0..N {
-            let weight = f32x16::splat(simd, unit[k]);
+        for (k, weight) in unit.iter().enumerate().take(N) {
+            let weight = f32x16::splat(simd, *weight);
             z[0] = inputs[0][k].mul_add(weight, z[0]);
             z[1] = inputs[1][k].mul_add(weight, z[1]);
         }
@@ -89,11 +90,10 @@ impl<const N: usize> SoftNetwork<N> {
         let c = |value: f32| f32x16::splat(simd, value);
         let bend = c(BEND);
         let mut sums = [c(self.numbers[Self::NUMBERS - 1]); 2];
-        for unit in self.numbers.chunks_exact(N + 2) {
+        for unit in 0..UNITS {
+            let unit = &self.numbers[unit * (N + 2)..][..N + 2];
             let (z, outgoing) = (Self::arguments(simd, unit, inputs), c(0.5 * unit[N + 1]));
-            for b in 0..2 {
-                sums[b] = (z[b] + z[b].mul_add(z[b], bend).sqrt()).mul_add(outgoing, sums[b]);
-            }
+            sums = each!([0, 1] b => (z[b] + z[b].mul_add(z[b], bend).sqrt()).mul_add(outgoing, sums[b]));
         }
         sums
     }
@@ -105,20 +105,19 @@ impl<const N: usize> SoftNetwork<N> {
         let c = |value: f32| f32x16::splat(simd, value);
         let (bend, half) = (c(BEND), c(0.5));
         let mut by_inputs = [[c(0.0); N]; 2];
-        for (unit, sums) in self.numbers.chunks_exact(N + 2).zip(sums.chunks_exact_mut(N + 2)) {
+        for unit in 0..UNITS {
+            let numbers = unit * (N + 2)..(unit + 1) * (N + 2);
+            let (unit, sums) = (&self.numbers[numbers.clone()], &mut sums[numbers]);
             let (z, outgoing) = (Self::arguments(simd, unit, inputs), c(unit[N + 1]));
-            let (mut hidden, mut by_z) = ([c(0.0); 2], [c(0.0); 2]);
-            for b in 0..2 {
-                let root = z[b].mul_add(z[b], bend).sqrt();
-                hidden[b] = (z[b] + root) * half;
-                // h'(z) = h / sqrt(z^2 + 4 ln^2 2).
-                by_z[b] = by[b] * outgoing * (hidden[b] / root);
-            }
+            let root = each!([0, 1] b => z[b].mul_add(z[b], bend).sqrt());
+            let hidden = each!([0, 1] b => (z[b] + root[b]) * half);
+            // h'(z) = h / sqrt(z^2 + 4 ln^2 2).
+            let by_z = each!([0, 1] b => by[b] * outgoing * (hidden[b] / root[b]));
             add(simd, &mut sums[N + 1], by[0].mul_add(hidden[0], by[1] * hidden[1]));
             add(simd, &mut sums[N], by_z[0] + by_z[1]);
-            for k in 0..N {
-                add(simd, &mut sums[k], by_z[0].mul_add(inputs[0][k], by_z[1] * inputs[1][k]));
-                let weight = c(unit[k]);
+            for (k, (sum, weight)) in sums.iter_mut().zip(unit).enumerate().take(N) {
+                add(simd, sum, by_z[0].mul_add(inputs[0][k], by_z[1] * inputs[1][k]));
+                let weight = c(*weight);
                 by_inputs[0][k] = by_z[0].mul_add(weight, by_inputs[0][k]);
                 by_inputs[1][k] = by_z[1].mul_add(weight, by_inputs[1][k]);
             }
