@@ -1,15 +1,17 @@
 #!/usr/bin/env python3
-"""Path-traces two HDR data sets of our own, which docs/src/notebook/loft-and-yard.md tries the recipe on that other scenes have decided.
+"""Path-traces HDR data sets of our own, on which docs/src/notebook tries recipes that other scenes have decided: loft-and-yard.md, detail-everywhere.md.
 
     scripts/path_traced_scenes.py loft out/loft             # a room with a window, bulbs, a mirror, glass: 120 + 20 views from within, minutes
     scripts/path_traced_scenes.py yard out/yard             # a yard under sun and sky: 60 + 12 views from around
+    scripts/path_traced_scenes.py study out/study           # a desk and a wall with print and fine grain everywhere: 18 + 8 views from a cap
     scripts/path_traced_scenes.py subset out/loft out/loft-18 --train 18
 
-Images are half-float EXR of 300x300, denoised with albedo and normals; points.ply holds points of textured surfaces, off by 2 mm, as structure from motion would
+Images are half-float EXR of 300x300, of the study 400x400, denoised with albedo and normals; points.ply holds points of textured surfaces, off by 2 mm, as structure from motion would
 find them. Needs numpy, mitsuba and pyoidn, and LLVM for Mitsuba (DRJIT_LIBLLVM_PATH, if it is not found; 15 fails, 19 works).
 """
 
 import argparse
+import itertools
 import json
 import os
 import pathlib
@@ -18,7 +20,6 @@ import tempfile
 
 import numpy as np
 
-SIZE_PX = 300
 MAX_BOUNCES = 8
 POINTS = 15_000
 POINT_NOISE = 0.002
@@ -94,6 +95,32 @@ def poster(n, rng):
             out[y : y + int(0.015 * n), x : x + width] = 0.03
             x += width + int(n / 64)
     return out
+
+
+def page(n, rng, color=(0.75, 0.73, 0.68), lines=40):
+    """Lines of letters, each of a few strokes at random, that can't be read; two pictures in between."""
+    out = np.ones((n, n, 3)) * np.array(color) * (0.85 + 0.3 * value_noise(n, rng, 8, 0.9))[..., None]
+    height = n // lines
+    for line in range(1, lines - 1):
+        x, y = height, line * height
+        while x < n - 2 * height:
+            if rng.random() < 0.85:
+                letter = np.kron(rng.random((3, 2)) < 0.55, np.ones((max(height // 5, 1), max(height // 5, 1))))
+                part = out[y : y + letter.shape[0], x : x + letter.shape[1]]
+                part[letter[: part.shape[0], : part.shape[1]] > 0] *= 0.25 + 0.4 * rng.random()
+            x += height // 2
+    for _ in range(2):
+        x, y = (rng.random(2) * 0.6 * n).astype(int)
+        side = int((0.2 + 0.2 * rng.random()) * n)
+        picture = value_noise(side, rng, 8, 0.8)[..., None] * rng.random(3) + rng.random(3) * 0.2
+        out[y : y + side, x : x + side] = picture[: n - y, : n - x]
+    return out
+
+
+def grain(n, rng, color, contrast):
+    """A colour with noise down to the pixel that repeats nowhere."""
+    noise = value_noise(n, rng, 10, 0.9) - 0.5
+    return np.array(color) * np.exp(contrast * noise / noise.std())[..., None]
 
 
 class Scene:
@@ -229,6 +256,57 @@ def loft_camera(rng):
     return (x, y, z), (rng.uniform(-3, 3), rng.choice([-2.5, 2.5]), rng.uniform(0.3, 2.2))
 
 
+def study(scene, _folder):
+    """A desk before a wall of 3 x 2 m, lit by a panel behind the cameras and a bulb of 250: no two places look alike."""
+    rng, at = np.random.default_rng(31), scene.at
+    printed = lambda n, *more: scene.diffuse(scene.texture(page(n, rng, *more)))  # noqa: E731
+    wall = scene.diffuse(scene.texture(grain(1024, rng, (0.4, 0.36, 0.28), 0.25)))
+    scene.rectangle("wall", at().translate([0, 0.9, 0.6]).rotate([1, 0, 0], 90).scale([2, 1.6, 1]), wall)
+    desk = scene.diffuse(scene.texture(planks(1024, rng, 9, (0.4, 0.25, 0.12)) * grain(1024, rng, (1, 1, 1), 0.2)))
+    scene.rectangle("desk", at().scale([1.8, 1.2, 1]), desk)
+    for i in range(14):
+        x, z = -1.35 + 0.45 * (i % 7) + rng.normal() * 0.05, 0.75 + 0.45 * (i // 7) + rng.normal() * 0.04
+        place = at().translate([x, 0.885 - 0.001 * i, z]).rotate([1, 0, 0], 90).rotate([0, 0, 1], float(rng.normal() * 6))
+        scene.rectangle(f"note{i}", place.scale([0.17, 0.2, 1]), printed(512, tuple(0.4 + 0.4 * rng.random(3)), 26))
+    for i in range(16):
+        x, y = rng.uniform(-1.2, 1.2), rng.uniform(-1.0, 0.2)
+        place = at().translate([x, y, 0.004 + 0.002 * i]).rotate([0, 0, 1], float(rng.random() * 360))
+        scene.rectangle(f"sheet{i}", place.scale([0.15, 0.21, 1]), printed(512, (0.75, 0.73, 0.68), 34))
+    x, i = -1.3, 0
+    while x < 1.2:
+        half, height = 0.012 + 0.02 * rng.random(), 0.12 + 0.08 * rng.random()
+        back = printed(256, tuple(rng.random(3) ** 1.5 * 0.8 + 0.05), 18)
+        scene.box(f"book{i}", (x + half, 0.7 + 0.03 * rng.random(), height), (half * 0.95, 0.1, height), back, float(rng.normal() * 2))
+        x, i = x + 2 * half + (0.15 if rng.random() < 0.06 else 0), i + 1
+    for i in range(260):
+        x, y, radius = rng.uniform(-1.3, 1.3), rng.uniform(-1.0, 0.5), 0.01 + 0.02 * rng.random() ** 2
+        stone = scene.diffuse(scene.texture(grain(64, rng, tuple(rng.random(3) ** 1.5 * 0.7 + 0.03), 0.4)))
+        if i % 3 == 0:
+            scene.box(f"stone{i}", (x, y, radius + 0.03), (radius * 1.3, radius, radius), stone, float(rng.random() * 90))
+        else:
+            scene.ball(f"stone{i}", (x, y, radius + 0.03), radius, stone)
+    for i in range(40):
+        x, y, angle = rng.uniform(-1.2, 1.2), rng.uniform(-0.9, 0.4), rng.random() * 2 * np.pi
+        end = (x + 0.16 * np.cos(angle), y + 0.16 * np.sin(angle), 0.06 + 0.1 * rng.random())
+        scene.rod(f"pencil{i}", (x, y, 0.045), end, 0.005, scene.matt(*(rng.random(3) ** 1.5 * 0.8)))
+    scene.rod("foot", (0.55, 0.3, 0), (0.55, 0.3, 0.5), 0.012, scene.matt(0.03, 0.03, 0.03))
+    scene.lamp("bulb", (0.55, 0.3, 0.54), 0.035, (250, 180, 100))
+    panel = at().look_at(origin=[-1.5, -2.5, 3], target=[0, 0.3, 0.3], up=[0, 0, 1]).scale([0.8, 0.8, 1])
+    scene.items["panel"] = {"type": "rectangle", "to_world": panel, "emitter": {"type": "area", "radiance": scene.rgb(5, 5.4, 6)}}
+
+
+def study_camera():
+    """From a cap of 1 x 0.7 m, spread evenly over it (the R2 sequence)."""
+    places = itertools.count(1)
+
+    def camera(rng):
+        u, v = (0.5 + next(places) * np.array([0.7548776662466927, 0.5698402909980532])) % 1
+        eye = (u - 0.5, -1.9 + 0.1 * rng.random(), 0.75 + 0.7 * v)
+        return eye, (0.35 * (u - 0.5) + 0.05 * rng.normal(), 0.4, 0.35)
+
+    return camera
+
+
 def yard(scene, folder):
     """A paved yard within a lawn; a median of 0.01, a lit lamp of 50, the sun in a mirror ball of 100."""
     rng, at = np.random.default_rng(21), scene.at
@@ -297,8 +375,12 @@ def yard_camera(rng):
     return eye, (rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(0.2, 1))
 
 
-# scene: (what is in it, camera, seed of the cameras, field of view in degrees, views to train on, to test, samples a pixel)
-SCENES = {"loft": (loft, loft_camera, 3, 65, 120, 20, 24), "yard": (yard, yard_camera, 4, 60, 60, 12, 20)}
+# scene: (what is in it, camera, seed of the cameras, field of view in degrees, side in pixels, views to train on, to test, samples a pixel)
+SCENES = {
+    "loft": (loft, loft_camera, 3, 65, 300, 120, 20, 24),
+    "yard": (yard, yard_camera, 4, 60, 300, 60, 12, 20),
+    "study": (study, study_camera(), 6, 50, 400, 18, 8, 32),
+}
 
 
 def world_from_camera(eye, target):
@@ -356,16 +438,16 @@ def make(name, out, variant):
     import mitsuba as mi
 
     mi.set_variant(variant)
-    fill, camera, seed, fov_deg, train, test, samples = SCENES[name]
+    fill, camera, seed, fov_deg, side_px, train, test, samples = SCENES[name]
     (out / "images").mkdir(parents=True, exist_ok=True)
     rng, point_rng = np.random.default_rng(seed), np.random.default_rng(5)
-    focal_px = 0.5 * SIZE_PX / np.tan(np.radians(fov_deg) / 2)
+    focal_px = 0.5 * side_px / np.tan(np.radians(fov_deg) / 2)
     frames, points = [], []
     with tempfile.TemporaryDirectory() as folder:
         scene = Scene(mi)
         fill(scene, folder)
         world = mi.load_dict(scene.items)
-        film = {"type": "hdrfilm", "width": SIZE_PX, "height": SIZE_PX, "rfilter": {"type": "box"}}
+        film = {"type": "hdrfilm", "width": side_px, "height": side_px, "rfilter": {"type": "box"}}
         path = mi.load_dict({"type": "aov", "aovs": "al:albedo,nn:sh_normal", "img": {"type": "path", "max_depth": MAX_BOUNCES}})
         place = mi.load_dict({"type": "aov", "aovs": "p:position", "img": {"type": "direct"}})
         for i in range(train + test):
@@ -381,8 +463,8 @@ def make(name, out, variant):
                 position = np.array(mi.render(world, sensor=sensor, spp=1, seed=i, integrator=place))[..., -3:]
                 points.append(points_of(position, radiance.astype(np.float32), POINTS // train, point_rng))
             print(f"{name} {i + 1}/{train + test}", flush=True)
-    center = SIZE_PX / 2
-    head = {"w": SIZE_PX, "h": SIZE_PX, "fl_x": focal_px, "fl_y": focal_px, "cx": center, "cy": center, "ply_file_path": "points.ply"}
+    center = side_px / 2
+    head = {"w": side_px, "h": side_px, "fl_x": focal_px, "fl_y": focal_px, "cx": center, "cy": center, "ply_file_path": "points.ply"}
     for split, part in (("train", frames[:train]), ("test", frames[train:])):
         (out / f"transforms_{split}.json").write_text(json.dumps({**head, "frames": part}))
     rows = np.concatenate(points)

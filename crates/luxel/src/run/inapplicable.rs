@@ -94,7 +94,7 @@ const GEOMETRY_OPTIONS: &[&str] = &[
 ];
 
 /// Options of the first splats, which change nothing where those are of a scene.
-const INITIAL_OPTIONS: &[&str] = &["init_points", "init_opacity", "init_scale"];
+const INITIAL_OPTIONS: &[&str] = &["init_points", "stereo_points", "init_opacity", "init_scale"];
 
 /// Options of training that a radiance field has; all others are about splats.
 const FIELD_OPTIONS: &[&str] = &[

@@ -80,6 +80,7 @@ fn every_option_changes_the_configuration() {
         &["--cutoffs", "parity"],
         &["--freeze", "geometry"],
         &["--init-points", "5"],
+        &["--stereo-points", "5"],
         &["--init-opacity", "0.3"],
         &["--init-scale", "0.5"],
         &["--strategy", "mcmc"],

@@ -1,9 +1,10 @@
 //! The scene before the first step.
 //!
 //! In: training views (data-set units), points of structure from motion if there are any, the
-//! radiance scale. Out: isotropic splats in normalised units, at the points or spread over the
-//! space that the cameras see. The cameras decide, too, where they see few of the points or all
-//! points are at one place ([`PointCoverage`]).
+//! radiance scale. Out: isotropic splats in normalised units, at the points and at those that
+//! stereo between the views finds, or spread over the space that the cameras see. The cameras
+//! decide, too, where they see few of the points or all points are at one place
+//! ([`PointCoverage`]).
 //!
 //! The colour of a splat is a median of HDR pixels over its point's track, or over the views it
 //! projects into. Unless options set other values, its scale is the root mean squared distance to
@@ -12,6 +13,7 @@
 
 mod color;
 mod neighbours;
+mod stereo;
 mod volume;
 
 use luxel_core::{ColorModel, Dataset, Knots, Point, PointCoverage, RadianceScale, Splat, Splats, luminance_sum};
@@ -60,7 +62,7 @@ pub fn initialise(dataset: &Dataset, config: &TrainConfig, knots: Option<Knots>)
     if dataset.train.is_empty() {
         return Err(TrainError::NoTrainViews);
     }
-    let points = starting_points(dataset, config)?;
+    let points = starting_points(dataset, config, knots)?;
     let (colors, radiance_scale) = colors_at(&points, dataset, config, knots)?;
     Ok(Initial { splats: splats_at(&points, &colors, config), radiance_scale })
 }
@@ -127,7 +129,7 @@ pub fn first_colors_bytes(splats: u64, views: u64) -> u64 {
 }
 
 /// Returns the points where splats start.
-fn starting_points(dataset: &Dataset, config: &TrainConfig) -> Result<Vec<Point>, TrainError> {
+fn starting_points(dataset: &Dataset, config: &TrainConfig, knots: Option<Knots>) -> Result<Vec<Point>, TrainError> {
     let mut rng = Pcg64Mcg::seed_from_u64(config.seed ^ INIT_STREAM);
     let is_usable = |point: &&Point| point.position.iter().all(|v| v.is_finite() && v.abs() < MAX_COORDINATE);
     let mut points: Vec<Point> = dataset.points.iter().filter(is_usable).cloned().collect();
@@ -142,10 +144,14 @@ fn starting_points(dataset: &Dataset, config: &TrainConfig) -> Result<Vec<Point>
         points.clear();
     }
     let limit = config.splat_limit(pixels(&dataset.train));
+    let without = (config.init_points as usize).min(limit);
+    let most_found = if points.is_empty() { without / 2 } else { limit }.min(config.stereo_points as usize);
+    let found = stereo::stereo_points(StartViews::new(dataset, knots), &points, most_found, &mut rng)?;
     if points.is_empty() {
-        let count = (config.init_points as usize).min(limit);
-        points = volume::random_points(&dataset.train, count, &mut rng);
-    } else if points.len() > limit {
+        points = volume::random_points(&dataset.train, without - found.len(), &mut rng);
+    }
+    points.extend(found);
+    if points.len() > limit {
         let mut chosen = sample(&mut rng, points.len(), limit).into_vec();
         chosen.sort_unstable();
         points = chosen.into_iter().map(|i| points[i].clone()).collect();

@@ -42,6 +42,13 @@ pub(super) fn random_points(train: &[View], count: usize, rng: &mut impl Rng) ->
     points
 }
 
+/// Returns the nearest and the farthest depth of each view between which points are drawn, world
+/// units; `None` if the cameras do not tell.
+pub(super) fn depth_ranges(train: &[View]) -> Option<Vec<[f64; 2]>> {
+    let cameras: Vec<&Camera> = train.iter().map(|view| &view.camera).collect();
+    DepthRange::new(&cameras).map(|depths| depths.ranges)
+}
+
 /// The range of depths of each camera.
 struct DepthRange {
     ranges: Vec<[f64; 2]>,
