@@ -45,12 +45,6 @@ impl Features {
         Self { values: vec![0.0; splats * FEATURES], adam: Adam::new(splats * FEATURES) }
     }
 
-    /// Returns the numbers, to be changed.
-    #[cfg(test)]
-    pub(super) fn values_mut(&mut self) -> &mut [f32] {
-        &mut self.values
-    }
-
     /// Updates the features.
     pub(super) fn update(&mut self, gradient: &[f32], rate: f64) {
         self.adam.step(&mut self.values, gradient, rate);
