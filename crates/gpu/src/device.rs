@@ -218,7 +218,10 @@ impl Gpu {
         let submission = self.queue.submit([encoder.finish()]);
         staging.raw.slice(..).map_async(wgpu::MapMode::Read, |_| {});
         self.wait(submission)?;
-        mapped(&staging.raw, self)
+        let mut out = mapped(&staging.raw, self)?;
+        // The buffer may be longer than what was asked for.
+        out.truncate(bytes as usize * offsets.len());
+        Ok(out)
     }
 }
 

@@ -35,9 +35,9 @@ const AUTO_MIN_SIDE: u32 = 96;
 #[serde(try_from = "String", into = "String")]
 pub enum ResolutionSchedule {
     /// Full resolution throughout.
-    #[default]
     Off,
     /// Stages that depend on the number of steps and the size of the images.
+    #[default]
     Auto,
     /// The given stages, in order; the first begins at step 0.
     Stages(Vec<Stage>),
@@ -177,7 +177,7 @@ mod tests {
             assert_eq!(serde_json::from_str::<ResolutionSchedule>(&json).unwrap(), schedule, "{json}");
         }
         assert_eq!("4, 1@10".parse::<ResolutionSchedule>().unwrap().to_string(), "4@0,1@10");
-        assert_eq!(ResolutionSchedule::default(), ResolutionSchedule::Off);
+        assert_eq!(ResolutionSchedule::default(), ResolutionSchedule::Auto);
     }
 
     #[test]

@@ -93,7 +93,7 @@ options! {
         seed: u64 = 42, "N", Range::Limits { min: 0, max: MAX_SEED };
         /// Train on reduced images first: off, auto, or FACTOR@STEP pairs such as
         /// 4@0,2@1500,1@4000, which divide the sides by FACTOR from STEP on
-        resolution_schedule: ResolutionSchedule = ResolutionSchedule::Off, "SCHEDULE", Range::Any;
+        resolution_schedule: ResolutionSchedule = ResolutionSchedule::Auto, "SCHEDULE", Range::Any;
         /// Train each step on a random part of its view, of at most this many pixels a side, for
         /// images that are too large for a step
         crop: Option<u32> = None, "PX", Range::AtLeast(64), unset: "whole views";

@@ -47,7 +47,7 @@ fn every_option_changes_the_configuration() {
         &["--preset", "paper"],
         &["--iterations", "7"],
         &["--seed", "1"],
-        &["--resolution-schedule", "auto"],
+        &["--resolution-schedule", "off"],
         &["--crop", "200"],
         &["--method", "sh4"],
         &["--activation", "exp"],
