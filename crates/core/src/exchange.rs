@@ -24,7 +24,7 @@ pub struct ExchangeError(pub String);
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Messages {
     words: Vec<u32>,
-    /// Where each message ends.
+    /// The end of each message.
     ends: Vec<usize>,
 }
 
@@ -46,8 +46,8 @@ impl Messages {
         self.ends.push(self.words.len());
     }
 
-    /// Returns memory for messages of these lengths, whose words are arbitrary, in place of those that
-    /// were here.
+    /// Returns memory for messages of these lengths, whose words are arbitrary, in place of those
+    /// that were here.
     pub fn receive(&mut self, lengths: impl IntoIterator<Item = usize>) -> &mut [u32] {
         self.ends.clear();
         let mut end = 0;

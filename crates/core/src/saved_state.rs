@@ -13,7 +13,7 @@ use crate::{ColorModel, EngineError, Scene, Snapshot, Splats};
 /// Arrays of the same shape in a state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SavedGroup {
-    /// What an engine holds.
+    /// Arrays of an engine.
     Engine(SavedPart),
     /// The running mean of the parameters.
     Average,

@@ -203,8 +203,8 @@ impl Gpu {
         Ok(out)
     }
 
-    /// Downloads parts of `buffer`, of `bytes` bytes each, one behind the other. Offsets and lengths
-    /// are multiples of 4.
+    /// Downloads parts of `buffer`, of `bytes` bytes each, one behind the other. Offsets and
+    /// lengths are multiples of 4.
     pub(crate) fn read_parts(&self, buffer: &Buffer, offsets: &[u64], bytes: u64) -> Result<Vec<u8>, EngineError> {
         if bytes == 0 || offsets.is_empty() {
             return Ok(Vec::new());

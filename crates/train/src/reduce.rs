@@ -197,8 +197,8 @@ impl BatchMean {
         Self { sent: Messages::default(), received: Messages::default(), share: Vec::new(), mean: SparseGradients::none(rows) }
     }
 
-    /// Returns the mean of the gradients of all slots; statistics are summed. `own` has those of this
-    /// rank's slots, in their order; the scene has `blocks` blocks.
+    /// Returns the mean of the gradients of all slots; statistics are summed. `own` has those of
+    /// this rank's slots, in their order; the scene has `blocks` blocks.
     ///
     /// # Errors
     /// Ranks that cannot exchange data.

@@ -98,7 +98,8 @@ pub trait Engine: Send {
     fn save(&mut self) -> Result<(Splats, Moments), EngineError>;
 
     /// Returns an array of some of the splats, `[splats, width]`, so that a state can be saved
-    /// without a copy of it. Empty for the smoothing filter where there is none, and that of moments.
+    /// without a copy of it. Empty for the smoothing filter where there is none, and that of
+    /// moments.
     ///
     /// # Errors
     /// [`EngineError::Invalid`] for a range beyond the last splat; [`EngineError::Device`].

@@ -1,5 +1,4 @@
-//! What an engine holds of every splat, named array by array, so that a state can be saved in
-//! pieces.
+//! The arrays that an engine holds of its splats, by name, so that a state can be saved in pieces.
 //!
 //! In: an array, and a range of splats. Out: its values, splat by splat. Degenerate: the smoothing
 //! filter of a scene without one has no values.
@@ -75,8 +74,8 @@ impl SplatArray {
         }
     }
 
-    /// Checks that values of this array are finite. They are `width` numbers a splat, of splats from
-    /// `first` on.
+    /// Checks that values of this array are finite. They are `width` numbers a splat, of splats
+    /// from `first` on.
     ///
     /// # Errors
     /// [`SplatsError::NotFinite`] for the first splat that is not.

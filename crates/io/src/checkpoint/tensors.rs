@@ -11,7 +11,7 @@ pub(super) const PIECE_BYTES: usize = 48 << 10;
 /// Splats whose values are asked for at a time.
 const PIECE_SPLATS: usize = 1 << 14;
 
-/// What a tensor holds.
+/// The content of a tensor.
 #[derive(Clone, Copy)]
 enum Content {
     Array(SavedGroup, SplatArray),

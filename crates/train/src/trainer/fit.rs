@@ -75,7 +75,8 @@ impl Trainer {
         let round = (step / self.schedule.densify_interval.max(1)) as usize;
         let in_turn = self.aside.iter().cycle().skip(VIEWS_A_ROUND * round % self.aside.len().max(1));
         let aside: Vec<Aside> = in_turn.take(VIEWS_A_ROUND.min(self.aside.len())).cloned().collect();
-        // Reduced images have few pixels for the splats there are, so views lag behind that do not later.
+        // Reduced images have few pixels for the splats there are, so views lag behind that do not
+        // later.
         if aside.is_empty() || self.schedule.is_recovering(step) || self.views.factor(step) > 1 {
             return Ok(room);
         }
