@@ -158,7 +158,7 @@ impl<'a> Tree<'a> {
         }
     }
 
-    /// Writes the sums of these blocks, of which each leaf has some.
+    /// Writes the sum of each of these blocks, and finishes it.
     fn write_blocks(&self, blocks: &[u32], block_len: usize, out: &mut [f32], finish: impl Fn(&mut [f32]) + Sync) {
         out.par_chunks_exact_mut(block_len).zip(blocks).with_min_len(64).for_each(|(out, block)| {
             self.write_block(*block, out);
@@ -198,7 +198,7 @@ impl BatchMean {
     }
 
     /// Returns the mean of the gradients of all slots; statistics are summed. `own` has those of
-    /// this rank's slots, in their order; the scene has `blocks` blocks.
+    /// this rank's slots, in their order.
     ///
     /// # Errors
     /// Ranks that cannot exchange data.

@@ -112,12 +112,6 @@ impl SparseGradients {
         }
     }
 
-    /// Removes all blocks, and keeps their memory.
-    pub fn clear(&mut self) {
-        self.blocks.clear();
-        self.values.clear();
-    }
-
     /// Becomes gradients of these blocks, in ascending order, with these rows; the values are
     /// arbitrary.
     pub fn restart(&mut self, rows: ParameterRows, blocks: &[u32]) {
