@@ -1,16 +1,30 @@
 //! The exchange of data between the processes (ranks) that train one scene together.
 //!
 //! In: messages of 32-bit words to every rank. Out: those that every rank sent to this one, in the
-//! order of ranks, whatever arrived first. What is exchanged, and what is computed from it, is the
+//! order of ranks, whichever arrived first. What is exchanged, and what is computed from it, is the
 //! business of training; an implementation only carries words. [`Alone`] is a single process.
 //! Degenerate: a rank that is gone is an error of every other, or ends them.
+
+use std::ops::Range;
 
 /// Explains why ranks could not exchange data.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct ExchangeError(pub String);
 
-/// Messages of 32-bit words, one for each rank, in the order of ranks, one behind the other in
+impl ExchangeError {
+    /// Returns the error of a message that is longer than what can be counted.
+    pub fn too_large() -> Self {
+        Self("a rank sends or receives more than 8 GiB at once, which MPI cannot count; lower the number of splats".to_owned())
+    }
+
+    /// Returns the error of ranks that do not expect what the others send.
+    pub fn out_of_step() -> Self {
+        Self("the ranks are not in step; do all run the same version of the program with the same options?".to_owned())
+    }
+}
+
+/// Messages of 32-bit words, one from each rank, in the order of ranks, one behind the other in
 /// memory.
 ///
 /// ```
@@ -29,29 +43,18 @@ pub struct Messages {
 }
 
 impl Messages {
-    /// Removes all messages, and keeps their memory.
-    pub fn clear(&mut self) {
-        self.words.clear();
-        self.ends.clear();
-    }
-
     /// Appends a message.
     pub fn push(&mut self, message: &[u32]) {
-        self.push_by(|words| words.extend_from_slice(message));
-    }
-
-    /// Appends the message of the words that `write` appends.
-    pub fn push_by(&mut self, write: impl FnOnce(&mut Vec<u32>)) {
-        write(&mut self.words);
+        self.words.extend_from_slice(message);
         self.ends.push(self.words.len());
     }
 
     /// Returns memory for messages of these lengths, whose words are arbitrary, in place of those
     /// that were here.
-    pub fn receive(&mut self, lengths: impl IntoIterator<Item = usize>) -> &mut [u32] {
+    pub fn receive(&mut self, lengths: &[usize]) -> &mut [u32] {
         self.ends.clear();
         let mut end = 0;
-        self.ends.extend(lengths.into_iter().map(|length| {
+        self.ends.extend(lengths.iter().map(|length| {
             end += length;
             end
         }));
@@ -64,14 +67,12 @@ impl Messages {
         let starts = [0].into_iter().chain(self.ends.iter().copied());
         starts.zip(&self.ends).map(|(start, end)| &self.words[start..*end])
     }
-
-    /// Returns the words of all messages.
-    pub fn words(&self) -> &[u32] {
-        &self.words
-    }
 }
 
 /// A connection between ranks. All ranks make the same calls in the same order.
+///
+/// Where lengths are known on both sides, messages go from the caller's memory to the caller's
+/// memory.
 pub trait Exchange: Send {
     /// Returns the number of this rank, from 0.
     fn rank(&self) -> usize;
@@ -79,27 +80,34 @@ pub trait Exchange: Send {
     /// Returns the number of ranks, at least 1.
     fn ranks(&self) -> usize;
 
-    /// Sends message `r` to rank `r`, for every rank including this one, and puts the messages of
-    /// all ranks to this one in `received`.
+    /// Sends the words of `sent` in `spans[r]` to rank `r`, for every rank including this one, and
+    /// writes what all ranks sent to this one to `received`, in their order: `lengths[r]` words of
+    /// rank `r`, which fill it.
     ///
     /// # Errors
-    /// A connection that failed; a message that is too large for it.
-    fn all_to_all(&mut self, messages: &Messages, received: &mut Messages) -> Result<(), ExchangeError>;
+    /// A connection that failed; a message of another length, or one that is too large for the
+    /// connection.
+    fn all_to_all(&mut self, sent: &[u32], spans: &[Range<usize>], received: &mut [u32], lengths: &[usize]) -> Result<(), ExchangeError>;
 
-    /// Sends one message to every rank, and puts the messages of all ranks in `received`.
+    /// Sends `sent` to every rank, and writes what all ranks sent to `received`, in their order:
+    /// `lengths[r]` words of rank `r`, which fill it.
     ///
     /// # Errors
     /// Those of [`Self::all_to_all`].
-    fn all_gather_into(&mut self, message: &[u32], received: &mut Messages) -> Result<(), ExchangeError>;
+    fn all_gather_into(&mut self, sent: &[u32], received: &mut [u32], lengths: &[usize]) -> Result<(), ExchangeError>;
 
-    /// Sends one message to every rank, and returns the messages of all ranks.
+    /// Sends one message of any length to every rank, and returns the messages of all ranks.
     ///
     /// # Errors
     /// Those of [`Self::all_to_all`].
     fn all_gather(&mut self, message: &[u32]) -> Result<Messages, ExchangeError> {
-        let mut received = Messages::default();
-        self.all_gather_into(message, &mut received)?;
-        Ok(received)
+        let length = u32::try_from(message.len()).map_err(|_| ExchangeError::too_large())?;
+        let mut lengths = vec![0; self.ranks()];
+        self.all_gather_into(&[length], &mut lengths, &vec![1; self.ranks()])?;
+        let lengths: Vec<usize> = lengths.into_iter().map(|length| length as usize).collect();
+        let mut messages = Messages::default();
+        self.all_gather_into(message, messages.receive(&lengths), &lengths)?;
+        Ok(messages)
     }
 }
 
@@ -116,14 +124,16 @@ impl Exchange for Alone {
         1
     }
 
-    fn all_to_all(&mut self, messages: &Messages, received: &mut Messages) -> Result<(), ExchangeError> {
-        received.clone_from(messages);
-        Ok(())
+    fn all_to_all(&mut self, sent: &[u32], spans: &[Range<usize>], received: &mut [u32], lengths: &[usize]) -> Result<(), ExchangeError> {
+        let message = spans.first().and_then(|span| sent.get(span.clone())).ok_or_else(ExchangeError::out_of_step)?;
+        self.all_gather_into(message, received, lengths)
     }
 
-    fn all_gather_into(&mut self, message: &[u32], received: &mut Messages) -> Result<(), ExchangeError> {
-        received.clear();
-        received.push(message);
+    fn all_gather_into(&mut self, sent: &[u32], received: &mut [u32], lengths: &[usize]) -> Result<(), ExchangeError> {
+        if lengths != [sent.len()] || received.len() != sent.len() {
+            return Err(ExchangeError::out_of_step());
+        }
+        received.copy_from_slice(sent);
         Ok(())
     }
 }

@@ -1,10 +1,11 @@
-//! The connection through MPI: two collective operations of variable length.
+//! The connection through MPI: two collective operations, whose messages may differ in length.
 //!
-//! In: words for each rank. Out: words of each rank, in the order of ranks. Lengths are exchanged
-//! first, as MPI wants to know them. MPI counts words in 32 bits, so what a rank sends or receives
+//! In: words for each rank. Out: words of each rank, in the order of ranks. MPI counts words in 32 bits, so what a rank sends or receives
 //! in one operation is limited to 2^31 words, 8 GiB; more is an error.
 
-use luxel_core::{Exchange, ExchangeError, Messages};
+use std::ops::Range;
+
+use luxel_core::{Exchange, ExchangeError};
 use mpi::datatype::{Partition, PartitionMut};
 use mpi::environment::Universe;
 use mpi::topology::SimpleCommunicator;
@@ -60,23 +61,35 @@ struct MpiExchange {
     ranks: usize,
 }
 
-/// Returns the displacements of messages of these lengths, one behind the other.
-fn displacements(counts: &[Count]) -> Result<Vec<Count>, ExchangeError> {
-    let mut end: Count = 0;
-    let mut starts = Vec::with_capacity(counts.len());
-    for count in counts {
-        starts.push(end);
-        end = end.checked_add(*count).ok_or_else(too_large)?;
+/// The words that a rank sends to each rank or receives of each: their numbers and where they start.
+struct Parts {
+    counts: Vec<Count>,
+    starts: Vec<Count>,
+}
+
+impl Parts {
+    /// Describes these parts of the words.
+    fn of(spans: impl IntoIterator<Item = Range<usize>>) -> Result<Self, ExchangeError> {
+        let (mut counts, mut starts) = (Vec::new(), Vec::new());
+        for span in spans {
+            counts.push(count(span.len())?);
+            starts.push(count(span.start)?);
+        }
+        Ok(Self { counts, starts })
     }
-    Ok(starts)
+
+    /// Describes messages of these lengths, one behind the other.
+    fn in_a_row(lengths: &[usize]) -> Result<Self, ExchangeError> {
+        let mut end = 0;
+        Self::of(lengths.iter().map(|length| {
+            end += length;
+            end - length..end
+        }))
+    }
 }
 
-fn too_large() -> ExchangeError {
-    ExchangeError("a rank sends or receives more than 8 GiB at once, which MPI cannot count; lower the number of splats".to_owned())
-}
-
-fn count_of(message: &[u32]) -> Result<Count, ExchangeError> {
-    Count::try_from(message.len()).map_err(|_| too_large())
+fn count(words: usize) -> Result<Count, ExchangeError> {
+    Count::try_from(words).map_err(|_| ExchangeError::too_large())
 }
 
 impl Exchange for MpiExchange {
@@ -88,27 +101,19 @@ impl Exchange for MpiExchange {
         self.ranks
     }
 
-    fn all_to_all(&mut self, messages: &Messages, received: &mut Messages) -> Result<(), ExchangeError> {
-        let world = SimpleCommunicator::world();
-        let counts: Vec<Count> = messages.iter().map(count_of).collect::<Result<_, _>>()?;
-        let mut incoming = vec![0 as Count; self.ranks];
-        world.all_to_all_into(&counts[..], &mut incoming[..]);
-        let (starts, incoming_starts) = (displacements(&counts)?, displacements(&incoming)?);
-        let words = received.receive(incoming.iter().map(|count| *count as usize));
-        let send = Partition::new(messages.words(), counts, starts);
-        let mut receive = PartitionMut::new(words, incoming, incoming_starts);
-        world.all_to_all_varcount_into(&send, &mut receive);
+    fn all_to_all(&mut self, sent: &[u32], spans: &[Range<usize>], received: &mut [u32], lengths: &[usize]) -> Result<(), ExchangeError> {
+        let (to, from) = (Parts::of(spans.iter().cloned())?, Parts::in_a_row(lengths)?);
+        let send = Partition::new(sent, to.counts, to.starts);
+        let mut receive = PartitionMut::new(received, from.counts, from.starts);
+        SimpleCommunicator::world().all_to_all_varcount_into(&send, &mut receive);
         Ok(())
     }
 
-    fn all_gather_into(&mut self, message: &[u32], received: &mut Messages) -> Result<(), ExchangeError> {
-        let world = SimpleCommunicator::world();
-        let mut counts = vec![0 as Count; self.ranks];
-        world.all_gather_into(&count_of(message)?, &mut counts[..]);
-        let starts = displacements(&counts)?;
-        let words = received.receive(counts.iter().map(|count| *count as usize));
-        let mut receive = PartitionMut::new(words, counts, starts);
-        world.all_gather_varcount_into(message, &mut receive);
+    fn all_gather_into(&mut self, sent: &[u32], received: &mut [u32], lengths: &[usize]) -> Result<(), ExchangeError> {
+        count(sent.len())?;
+        let from = Parts::in_a_row(lengths)?;
+        let mut receive = PartitionMut::new(received, from.counts, from.starts);
+        SimpleCommunicator::world().all_gather_varcount_into(sent, &mut receive);
         Ok(())
     }
 }

@@ -5,16 +5,17 @@
 //! is one half. Which rank adds two numbers does not change them, so the sum has the same bits for
 //! any number of ranks, and for one process.
 //!
-//! A rank first adds up whatever the tree adds among its own slots. Then the ranks share out the
-//! scene's blocks: each receives the others' gradients of its blocks, adds them up, and sends the
-//! result to all. Every rank thus sends and receives its gradients about twice, however many ranks
-//! there are; splats that no view of the batch shows are never sent. Degenerate: ranks without a
-//! slot add up their share all the same.
+//! A rank first adds up whatever the tree adds among its own slots. Then all ranks learn which blocks
+//! of splats the others have gradients of, and share out the scene's blocks: each receives the
+//! others' gradients of its blocks, adds them up, and sends the result to all. Every rank thus sends
+//! and receives its gradients about twice, however many ranks there are; splats that no view of the
+//! batch shows are never sent. Gradients of a single slot are sent from where they are, and sums
+//! arrive where they are used. Degenerate: ranks without a slot add up their share all the same.
 
 use std::ops::Range;
 
 use luxel_core::engine::{ParameterRows, SPLATS_PER_BLOCK, STATISTICS_ROWS, SparseGradients, SparsePart};
-use luxel_core::{Exchange, ExchangeError, Messages};
+use luxel_core::{Exchange, ExchangeError};
 use rayon::prelude::*;
 
 use crate::TrainError;
@@ -165,36 +166,22 @@ impl<'a> Tree<'a> {
             finish(out);
         });
     }
-
-    /// Appends the sum of all leaves to a message, as [`SparsePart::write`] does.
-    fn write(&self, shape: BlockShape, message: &mut Vec<u32>, finish: impl Fn(&mut [f32]) + Sync) {
-        if let Self::Leaf(part) = self {
-            part.write(message);
-            let start = message.len() - part.blocks().len() * shape.block_len();
-            let values: &mut [f32] = bytemuck::cast_slice_mut(&mut message[start..]);
-            values.par_chunks_exact_mut(shape.block_len()).with_min_len(64).for_each(&finish);
-            return;
-        }
-        let blocks = self.blocks();
-        message.push(blocks.len() as u32);
-        message.extend_from_slice(&blocks);
-        let start = message.len();
-        message.resize(start + blocks.len() * shape.block_len(), 0);
-        self.write_blocks(&blocks, shape.block_len(), bytemuck::cast_slice_mut(&mut message[start..]), finish);
-    }
 }
 
-/// The mean of a batch's gradients, with the memory that its messages take from step to step.
+/// The mean of a batch's gradients, with the memory that sums and messages take from step to step.
 pub(crate) struct BatchMean {
-    sent: Messages,
-    received: Messages,
-    share: Vec<u32>,
+    /// Sums of this rank's nodes, where they are not gradients of a single slot: by receiving rank
+    /// and by node.
+    sums: Vec<f32>,
+    received: Vec<u32>,
+    /// The mean of this rank's share of the blocks.
+    share: Vec<f32>,
     mean: SparseGradients,
 }
 
 impl BatchMean {
     pub(crate) fn new(rows: ParameterRows) -> Self {
-        Self { sent: Messages::default(), received: Messages::default(), share: Vec::new(), mean: SparseGradients::none(rows) }
+        Self { sums: Vec::new(), received: Vec::new(), share: Vec::new(), mean: SparseGradients::none(rows) }
     }
 
     /// Returns the mean of the gradients of all slots; statistics are summed. `own` has those of
@@ -211,51 +198,161 @@ impl BatchMean {
     ) -> Result<&SparseGradients, TrainError> {
         let (parameters_len, factor) = (shape.rows.count() * SPLATS_PER_BLOCK, 1.0 / slots.batch as f32);
         let divide = |block: &mut [f32]| block.iter_mut().take(parameters_len).for_each(|value| *value *= factor);
+        let block_len = shape.block_len();
         let own_rank = exchange.rank();
         // Gradients of this rank's slots in a range of blocks.
         let own_leaves = |range: &Range<u32>| -> Vec<Node<'_>> {
             let slots = slots.of_rank(own_rank).zip(own);
             slots.map(|(slot, gradients)| Node { slots: slot..slot + 1, gradients: gradients.part(range) }).collect()
         };
+        let leaves = own_leaves(&(0..shape.blocks));
         if slots.ranks == 1 {
-            let leaves = own_leaves(&(0..shape.blocks));
             let tree = tree_of(0..slots.batch, &leaves)?;
             let blocks = tree.blocks();
             self.mean.restart(shape.rows, &blocks);
-            tree.write_blocks(&blocks, shape.block_len(), self.mean.values_mut(), divide);
+            tree.write_blocks(&blocks, block_len, self.mean.values_mut(), divide);
             return Ok(&self.mean);
         }
-        let share = |rank: usize| {
-            let start = |rank: usize| (u64::from(shape.blocks) * rank as u64 / slots.ranks as u64) as u32;
-            start(rank)..start(rank + 1)
+        let trees: Vec<Tree<'_>> = slots.nodes(own_rank).into_iter().map(|node| tree_of(node, &leaves)).collect::<Result<_, _>>()?;
+        let seen = SeenBlocks::exchange(exchange, slots, shape, &trees)?;
+        let sent = match &trees[..] {
+            [Tree::Leaf(part)] => part.values(),
+            trees => sums_by_share(trees, &seen, own_rank, &mut self.sums),
         };
-        self.sent.clear();
-        for rank in 0..slots.ranks {
-            let leaves = own_leaves(&share(rank));
-            let nodes = if rank == own_rank { Vec::new() } else { slots.nodes(own_rank) };
-            let trees: Vec<Tree<'_>> = nodes.into_iter().map(|node| tree_of(node, &leaves)).collect::<Result<_, _>>()?;
-            self.sent.push_by(|message| trees.iter().for_each(|tree| tree.write(shape, message, |_| ())));
+        let (spans, lengths) = (seen.spans(own_rank), seen.lengths_to(own_rank));
+        self.received.resize(lengths.iter().sum(), 0);
+        exchange.all_to_all(bytemuck::cast_slice(sent), &spans, &mut self.received, &lengths)?;
+
+        let mut leaves = own_leaves(&shape.share(slots, own_rank));
+        let mut rest: &[f32] = bytemuck::cast_slice(&self.received);
+        for node in seen.nodes.iter().filter(|node| node.rank != own_rank) {
+            let blocks = &node.blocks[shape.part(slots, own_rank, &node.blocks)];
+            let (values, after) = rest.split_at_checked(blocks.len() * block_len).ok_or_else(|| lost("gradients"))?;
+            let gradients = SparsePart::new(shape.rows, blocks, values).ok_or_else(|| lost("gradients"))?;
+            leaves.push(Node { slots: node.slots.clone(), gradients });
+            rest = after;
         }
-        exchange.all_to_all(&self.sent, &mut self.received)?;
-        let mut received_words = self.received.words().len();
-        let mut leaves = own_leaves(&share(own_rank));
-        for (rank, mut message) in self.received.iter().enumerate().filter(|(rank, _)| *rank != own_rank) {
-            for slots in slots.nodes(rank) {
-                let gradients = SparsePart::read(shape.rows, &mut message).ok_or_else(|| lost("gradients"))?;
-                leaves.push(Node { slots, gradients });
-            }
-        }
-        self.share.clear();
-        tree_of(0..slots.batch, &leaves)?.write(shape, &mut self.share, divide);
-        exchange.all_gather_into(&self.share, &mut self.received)?;
-        received_words += self.received.words().len() - self.share.len();
-        self.mean.restart(shape.rows, &[]);
-        for mut message in self.received.iter() {
-            self.mean.extend(SparsePart::read(shape.rows, &mut message).ok_or_else(|| lost("sums"))?);
-        }
+        let blocks = seen.blocks_of_any();
+        let own_blocks = &blocks[shape.part(slots, own_rank, &blocks)];
+        self.share.resize(own_blocks.len() * block_len, 0.0);
+        tree_of(0..slots.batch, &leaves)?.write_blocks(own_blocks, block_len, &mut self.share, divide);
+
+        self.mean.restart(shape.rows, &blocks);
+        let lengths: Vec<usize> = (0..slots.ranks).map(|rank| shape.part(slots, rank, &blocks).len() * block_len).collect();
+        let sums = bytemuck::cast_slice_mut(self.mean.values_mut());
+        exchange.all_gather_into(bytemuck::cast_slice(&self.share), sums, &lengths)?;
+        let received_words = self.received.len() + lengths.iter().sum::<usize>() - self.share.len();
         tracing::trace!(received_bytes = 4 * received_words, "gradients exchanged");
         Ok(&self.mean)
     }
+}
+
+/// Writes the sums of this rank's nodes to `sums`: for each other rank, for each node, those of its
+/// share of the blocks.
+fn sums_by_share<'a>(trees: &[Tree<'_>], seen: &SeenBlocks, own_rank: usize, sums: &'a mut Vec<f32>) -> &'a [f32] {
+    let (slots, shape) = (seen.slots, seen.shape);
+    let len = seen.spans(own_rank).iter().map(Range::len).sum();
+    sums.resize(len, 0.0);
+    let mut rest = &mut sums[..];
+    for rank in (0..slots.ranks).filter(|rank| *rank != own_rank) {
+        for (tree, node) in trees.iter().zip(seen.nodes_of(own_rank)) {
+            let blocks = &node.blocks[shape.part(slots, rank, &node.blocks)];
+            let (out, after) = rest.split_at_mut(blocks.len() * shape.block_len());
+            tree.write_blocks(blocks, shape.block_len(), out, |_| ());
+            rest = after;
+        }
+    }
+    sums
+}
+
+/// The blocks that a node of the tree has gradients of.
+struct NodeBlocks {
+    rank: usize,
+    slots: Range<usize>,
+    blocks: Vec<u32>,
+}
+
+/// The blocks that all nodes of all ranks have gradients of, in the order of slots.
+struct SeenBlocks {
+    slots: Slots,
+    shape: BlockShape,
+    nodes: Vec<NodeBlocks>,
+}
+
+impl SeenBlocks {
+    /// Tells all ranks the blocks of this rank's trees, one for each of its nodes.
+    fn exchange(exchange: &mut dyn Exchange, slots: Slots, shape: BlockShape, trees: &[Tree<'_>]) -> Result<Self, TrainError> {
+        let mut message = Vec::new();
+        for tree in trees {
+            let blocks = tree.blocks();
+            message.push(blocks.len() as u32);
+            message.extend_from_slice(&blocks);
+        }
+        let mut nodes = Vec::new();
+        for (rank, mut message) in exchange.all_gather(&message)?.iter().enumerate() {
+            for node in slots.nodes(rank) {
+                let blocks = read_blocks(&mut message, shape.blocks).ok_or_else(|| lost("blocks of gradients"))?;
+                nodes.push(NodeBlocks { rank, slots: node, blocks });
+            }
+        }
+        Ok(Self { slots, shape, nodes })
+    }
+
+    fn nodes_of(&self, rank: usize) -> impl Iterator<Item = &NodeBlocks> {
+        self.nodes.iter().filter(move |node| node.rank == rank)
+    }
+
+    /// Returns how many words a rank sends to another.
+    fn length(&self, from: usize, to: usize) -> usize {
+        if from == to {
+            return 0;
+        }
+        self.nodes_of(from).map(|node| self.shape.part(self.slots, to, &node.blocks).len()).sum::<usize>() * self.shape.block_len()
+    }
+
+    /// Returns where a rank has the words for each rank: in order, without those for itself where
+    /// it has sums, and with them where it has the gradients of a single slot.
+    fn spans(&self, rank: usize) -> Vec<Range<usize>> {
+        let single = match &self.nodes_of(rank).collect::<Vec<_>>()[..] {
+            [node] if node.slots.len() == 1 => Some(*node),
+            _ => None,
+        };
+        let mut end = 0;
+        let spans = (0..self.slots.ranks).map(|to| match single {
+            Some(node) => {
+                let part = self.shape.part(self.slots, to, &node.blocks);
+                let [start, end] = [part.start, part.end].map(|block| block * self.shape.block_len());
+                start..if to == rank { start } else { end }
+            }
+            None => {
+                end += self.length(rank, to);
+                end - self.length(rank, to)..end
+            }
+        });
+        spans.collect()
+    }
+
+    /// Returns how many words each rank sends to this one.
+    fn lengths_to(&self, rank: usize) -> Vec<usize> {
+        (0..self.slots.ranks).map(|from| self.length(from, rank)).collect()
+    }
+
+    /// Returns the blocks that any node has gradients of, ascending.
+    fn blocks_of_any(&self) -> Vec<u32> {
+        let mut is_seen = vec![false; self.shape.blocks as usize];
+        self.nodes.iter().flat_map(|node| &node.blocks).for_each(|block| is_seen[*block as usize] = true);
+        (0..self.shape.blocks).filter(|block| is_seen[*block as usize]).collect()
+    }
+}
+
+/// Reads a list of blocks from the start of a message, and moves on behind it; `None` if it is
+/// something else than blocks of the scene in ascending order.
+fn read_blocks(message: &mut &[u32], of_scene: u32) -> Option<Vec<u32>> {
+    let (count, rest) = message.split_first()?;
+    let (blocks, rest) = rest.split_at_checked(*count as usize)?;
+    *message = rest;
+    let fits = blocks.is_sorted_by(|a, b| a < b) && blocks.last().is_none_or(|last| *last < of_scene);
+    fits.then(|| blocks.to_vec())
 }
 
 /// Returns the tree of a node over these leaves.
@@ -275,11 +372,24 @@ impl BlockShape {
     fn block_len(self) -> usize {
         (self.rows.count() + STATISTICS_ROWS) * SPLATS_PER_BLOCK
     }
+
+    /// Returns the blocks that a rank adds up.
+    fn share(self, slots: Slots, rank: usize) -> Range<u32> {
+        let start = |rank: usize| (u64::from(self.blocks) * rank as u64 / slots.ranks as u64) as u32;
+        start(rank)..start(rank + 1)
+    }
+
+    /// Returns which of these blocks, ascending, lie in a rank's share.
+    fn part(self, slots: Slots, rank: usize, blocks: &[u32]) -> Range<usize> {
+        let share = self.share(slots, rank);
+        let [start, end] = [share.start, share.end].map(|edge| blocks.partition_point(|block| *block < edge));
+        start..end
+    }
 }
 
 /// Returns the error of ranks that are not in step.
 pub(crate) fn lost(what: &str) -> TrainError {
-    ExchangeError(format!("{what}: the ranks are not in step; do all run the same version of the program with the same options?")).into()
+    ExchangeError(format!("{what}: {}", ExchangeError::out_of_step())).into()
 }
 
 #[cfg(test)]
@@ -355,10 +465,8 @@ mod tests {
                 let own = [of_slot(0)];
                 return BatchMean::new(SCENE.rows).of(&mut exchange, Slots { batch: 2, ranks: 2 }, &own, SCENE).unwrap_err().to_string();
             }
-            let mut messages = Messages::default();
-            messages.push(&[3]);
-            messages.push(&[0]);
-            exchange.all_to_all(&messages, &mut Messages::default()).unwrap();
+            // A list of three blocks that has one.
+            exchange.all_gather(&[3, 0]).unwrap();
             String::new()
         });
         assert!(errors[0].contains("not in step"), "{errors:?}");

@@ -1,12 +1,13 @@
 //! Small scenes for tests.
 
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use luxel_core::{
-    Camera, CameraProjection, ColorSpace, Dataset, Distortion, Exchange, ExchangeError, Image, Mask, Messages, OnDemand, PixelValues,
-    ReadError, Source, Target, View,
+    Camera, CameraProjection, ColorSpace, Dataset, Distortion, Exchange, ExchangeError, Image, Mask, OnDemand, PixelValues, ReadError,
+    Source, Target, View,
 };
 
 /// A camera at `eye` that looks along +z, with a focal length of the image's width.
@@ -105,22 +106,23 @@ impl Exchange for ThreadExchange {
         self.to.len()
     }
 
-    fn all_to_all(&mut self, messages: &Messages, received: &mut Messages) -> Result<(), ExchangeError> {
+    fn all_to_all(&mut self, sent: &[u32], spans: &[Range<usize>], received: &mut [u32], lengths: &[usize]) -> Result<(), ExchangeError> {
         let gone = || ExchangeError("a rank is gone".to_owned());
-        for (to, message) in self.to.iter().zip(messages.iter()) {
-            to.send(message.to_vec()).map_err(|_| gone())?;
+        for (to, span) in self.to.iter().zip(spans) {
+            to.send(sent[span.clone()].to_vec()).map_err(|_| gone())?;
         }
-        received.clear();
-        for from in &self.from {
-            received.push(&from.recv().map_err(|_| gone())?);
+        let mut rest = received;
+        for (from, length) in self.from.iter().zip(lengths) {
+            let (message, after) = rest.split_at_mut(*length);
+            message.copy_from_slice(&from.recv().map_err(|_| gone())?);
+            rest = after;
         }
         Ok(())
     }
 
-    fn all_gather_into(&mut self, message: &[u32], received: &mut Messages) -> Result<(), ExchangeError> {
-        let mut messages = Messages::default();
-        self.to.iter().for_each(|_| messages.push(message));
-        self.all_to_all(&messages, received)
+    fn all_gather_into(&mut self, sent: &[u32], received: &mut [u32], lengths: &[usize]) -> Result<(), ExchangeError> {
+        let spans: Vec<Range<usize>> = self.to.iter().map(|_| 0..sent.len()).collect();
+        self.all_to_all(sent, &spans, received, lengths)
     }
 }
 

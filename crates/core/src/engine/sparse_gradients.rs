@@ -2,7 +2,7 @@
 //! and exchanges between processes leave the others out.
 //!
 //! In: gradients of blocks of [`SPLATS_PER_BLOCK`] splats. Out: the same by block, and parts of
-//! them as words of 32 bits for messages. Degenerate: no blocks are the gradients of a view that
+//! them. Degenerate: no blocks are the gradients of a view that
 //! shows no splat.
 
 use std::ops::Range;
@@ -121,16 +121,6 @@ impl SparseGradients {
         self.values.resize(blocks.len() * Self::block_len_of(rows), 0.0);
     }
 
-    /// Appends the blocks of `next`, all of which must lie behind these.
-    ///
-    /// # Panics
-    /// If they do not.
-    pub fn extend(&mut self, next: SparsePart<'_>) {
-        assert!(self.blocks.last().zip(next.blocks.first()).is_none_or(|(a, b)| a < b), "blocks come in ascending order");
-        self.blocks.extend_from_slice(next.blocks);
-        self.values.extend_from_slice(next.values);
-    }
-
     /// Returns the blocks whose numbers lie in `range`.
     pub fn part(&self, range: &Range<u32>) -> SparsePart<'_> {
         let [from, to] = [range.start, range.end].map(|block| self.blocks.partition_point(|found| *found < block));
@@ -176,23 +166,17 @@ impl<'a> SparsePart<'a> {
         self.values.get(at * self.block_len..(at + 1) * self.block_len)
     }
 
-    /// Appends the blocks to a message: their number, their numbers, and their values' bits.
-    pub fn write(self, message: &mut Vec<u32>) {
-        message.push(self.blocks.len() as u32);
-        message.extend_from_slice(self.blocks);
-        message.extend_from_slice(bytemuck::cast_slice(self.values));
+    /// Returns the values of all blocks, `[blocks, rows + STATISTICS_ROWS, SPLATS_PER_BLOCK]`.
+    pub fn values(self) -> &'a [f32] {
+        self.values
     }
 
-    /// Reads what [`Self::write`] wrote from the start of a message, and moves on behind it; `None`
-    /// if the message is something else.
-    pub fn read(rows: ParameterRows, message: &mut &'a [u32]) -> Option<Self> {
+    /// Returns gradients of these blocks with these values; `None` if the blocks are not in
+    /// ascending order or the number of values is another.
+    pub fn new(rows: ParameterRows, blocks: &'a [u32], values: &'a [f32]) -> Option<Self> {
         let block_len = SparseGradients::block_len_of(rows);
-        let (count, rest) = message.split_first()?;
-        let (blocks, rest) = rest.split_at_checked(*count as usize)?;
-        let (values, rest) = rest.split_at_checked((*count as usize).checked_mul(block_len)?)?;
-        let is_ascending = blocks.windows(2).all(|pair| pair[0] < pair[1]);
-        *message = rest;
-        is_ascending.then(|| Self { blocks, values: bytemuck::cast_slice(values), block_len })
+        let fits = blocks.len().checked_mul(block_len) == Some(values.len());
+        (fits && blocks.is_sorted_by(|a, b| a < b)).then_some(Self { blocks, values, block_len })
     }
 }
 
@@ -221,23 +205,17 @@ mod tests {
     }
 
     #[test]
-    fn parts_pass_through_messages() {
+    fn parts_are_made_of_what_they_hold() {
         let all = gradients(&[(0, 1.0), (3, -0.0), (9, f32::MIN_POSITIVE)]);
-        let mut message = Vec::new();
-        for range in [0..3, 3..9, 9..10] {
-            all.part(&range).write(&mut message);
+        for (range, blocks) in [(0..3, &[0][..]), (3..10, &[3, 9]), (4..9, &[])] {
+            let part = all.part(&range);
+            assert_eq!(part.blocks(), blocks);
+            let again = SparsePart::new(ROWS, part.blocks(), part.values()).unwrap();
+            assert_eq!([0, 3, 9].map(|block| again.values_of(block)), [0, 3, 9].map(|block| part.values_of(block)));
         }
-        let mut left = &*message;
-        let mut whole = SparseGradients::none(ROWS);
-        for expected in [1, 1, 1] {
-            let part = SparsePart::read(ROWS, &mut left).unwrap();
-            assert_eq!(part.blocks().len(), expected);
-            assert_eq!(part.values_of(3), all.values_of(3).filter(|_| part.blocks() == [3]));
-            whole.extend(part);
-        }
-        assert_eq!(whole, all);
-        assert!(left.is_empty() && SparsePart::read(ROWS, &mut left).is_none());
-        assert!(SparsePart::read(ROWS, &mut &message[..20]).is_none());
+        let values = all.part(&(0..10)).values();
+        assert!(SparsePart::new(ROWS, &[0, 3], values).is_none());
+        assert!(SparsePart::new(ROWS, &[3, 0, 9], values).is_none());
     }
 
     #[test]
