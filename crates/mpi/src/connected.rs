@@ -1,7 +1,8 @@
 //! The connection through MPI: two collective operations, whose messages may differ in length.
 //!
-//! In: words for each rank. Out: words of each rank, in the order of ranks. MPI counts words in 32 bits, so what a rank sends or receives
-//! in one operation is limited to 2^31 words, 8 GiB; more is an error.
+//! In: words for each rank. Out: words of each rank, in the order of ranks. MPI counts words in 32
+//! bits, so what a rank sends or receives in one operation is limited to 2^31 words, 8 GiB; more is
+//! an error.
 
 use std::ops::Range;
 
@@ -61,7 +62,8 @@ struct MpiExchange {
     ranks: usize,
 }
 
-/// The words that a rank sends to each rank or receives of each: their numbers and where they start.
+/// The words that a rank sends to each rank or receives of each: their numbers and where they
+/// start.
 struct Parts {
     counts: Vec<Count>,
     starts: Vec<Count>,

@@ -5,12 +5,13 @@
 //! is one half. Which rank adds two numbers does not change them, so the sum has the same bits for
 //! any number of ranks, and for one process.
 //!
-//! A rank first adds up whatever the tree adds among its own slots. Then all ranks learn which blocks
-//! of splats the others have gradients of, and share out the scene's blocks: each receives the
-//! others' gradients of its blocks, adds them up, and sends the result to all. Every rank thus sends
-//! and receives its gradients about twice, however many ranks there are; splats that no view of the
-//! batch shows are never sent. Gradients of a single slot are sent from where they are, and sums
-//! arrive where they are used. Degenerate: ranks without a slot add up their share all the same.
+//! A rank first adds up whatever the tree adds among its own slots. Then all ranks learn which
+//! blocks of splats the others have gradients of, and share out the scene's blocks: each receives
+//! the others' gradients of its blocks, adds them up, and sends the result to all. Every rank thus
+//! sends and receives its gradients about twice, however many ranks there are; splats that no view
+//! of the batch shows are never sent. Gradients of a single slot are sent from where they are, and
+//! sums arrive where they are used. Degenerate: ranks without a slot add up their share all the
+//! same.
 
 use std::ops::Range;
 
