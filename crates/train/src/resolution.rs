@@ -29,6 +29,9 @@ const AUTO_FACTORS: [u32; 3] = [8, 4, 2];
 /// Smallest side of a reduced image, pixels; below it, SSIM's window of 11 pixels spans objects
 /// rather than texture.
 const AUTO_MIN_SIDE: u32 = 96;
+/// Smallest side of images that `auto` reduces at all, pixels. Smaller ones lose by it: their
+/// detail is coarse already.
+const AUTO_LEAST_SIDE: u32 = 384;
 
 /// The resolution over a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -68,6 +71,9 @@ impl ResolutionSchedule {
 fn auto(iterations: u32, round_interval: u32, smallest_side_px: u32) -> Vec<Stage> {
     let mut stages: Vec<Stage> = Vec::new();
     let mut after_step = 0;
+    if smallest_side_px < AUTO_LEAST_SIDE {
+        return stages;
+    }
     for factor in AUTO_FACTORS.into_iter().filter(|factor| smallest_side_px / factor >= AUTO_MIN_SIDE) {
         let finer = f64::from(factor.ilog2()) - 1.0;
         let end = f64::from(iterations) * AUTO_FULL_AFTER * AUTO_STAGE_RATIO.powf(finer);
@@ -215,8 +221,8 @@ mod tests {
     fn auto_ends_at_full_resolution_at_the_end_of_a_round() {
         assert_eq!(auto_stages(30_000, 400), [(4, 0), (2, 3500), (1, 10_500)]);
         assert_eq!(auto_stages(10_000, 2000), [(8, 0), (4, 300), (2, 1100), (1, 3500)]);
-        assert_eq!(auto_stages(3000, 200), [(2, 0), (1, 1000)]);
-        assert_eq!(auto_stages(30_000, 100), []);
+        assert_eq!(auto_stages(3000, 384), [(4, 0), (2, 300), (1, 1000)]);
+        assert_eq!(auto_stages(30_000, 383), []);
         // Stages shorter than a round are left out.
         assert_eq!(auto_stages(1000, 2000), [(4, 0), (2, 100), (1, 300)]);
         assert_eq!(auto_stages(100, 2000), []);
