@@ -22,7 +22,7 @@ pub use spec::{Condition, OptionSpec, ValueHelp};
 pub use validate::Misplaced;
 
 use luxel_core::engine::MomentFormat;
-use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, LossWeights, RasterConfig};
+use luxel_core::{Antialias, ColorModel, Cutoffs, LossWeights, RasterConfig};
 
 /// Largest number of views a step.
 pub const MAX_BATCH: u32 = 1024;
@@ -81,9 +81,9 @@ impl TrainConfig {
     pub fn color_model(&self) -> ColorModel {
         match self.sh_degree() {
             _ if self.method == Method::GaussHdrAnchors => ColorModel::LogSh { degree: 0 },
-            // The networks see the direction, and put out the logarithm of luminance.
+            // The networks see the direction.
             _ if self.method == Method::LcdAnchors => {
-                ColorModel::Lcd { chroma_degree: 0, luminance_degree: 0, activation: self.activation.unwrap_or(Activation::Exp) }
+                ColorModel::Lcd { chroma_degree: 0, luminance_degree: 0, activation: self.activation.unwrap_or_default() }
             }
             _ if matches!(self.method, Method::LogSh3 | Method::HdrGs | Method::GaussHdr) => ColorModel::LogSh { degree: 3 },
             Some(degree) => ColorModel::Sh { degree },

@@ -123,7 +123,7 @@ fn describe_run(path: &Path, console: &Console) -> Result<Tree> {
     facts.set("seed", config.train.seed);
     facts.set("luxel_version", config.luxel_version.clone());
     if let Some(kind) = ImplicitKind::of(config.train.method) {
-        match luxel::implicit::newest(&folder, console) {
+        match luxel::implicit::newest_scene(&folder, console) {
             Ok((iteration, scene)) => {
                 let mut newest = Tree::default();
                 newest.set("iteration", iteration);

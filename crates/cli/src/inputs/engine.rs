@@ -13,8 +13,8 @@ pub(crate) fn engine(args: &DeviceArgs) -> Result<SelectedEngine> {
     worded(&options, SelectedEngine::open(&options))
 }
 
-/// Opens the engine for a run's newest state, or a scene without a run: a radiance field, anchors and
-/// lifted colours are rendered on the processor.
+/// Opens the engine for a run's newest state, or a scene without a run: a radiance field, anchors
+/// and lifted colours are rendered on the processor.
 pub(crate) fn engine_of(args: &DeviceArgs, run: Option<&RunConfig>) -> Result<SelectedEngine> {
     let options = args.options();
     match run.map(|config| config.train.method) {

@@ -75,7 +75,7 @@ impl SceneSource {
         if path.is_dir() {
             let (folder, config) = RunFolder::open(path)?;
             if !config.train.method.stores_splats() {
-                let (iteration, found) = luxel::implicit::newest(&folder, console)?;
+                let (iteration, found) = luxel::implicit::newest_scene(&folder, console)?;
                 console.note(&format!("step {iteration}: {}", found.summary()));
                 return Ok(Self { scene: found.place.clone(), implicit: Some(found), run: Some((folder, config)), iteration });
             }

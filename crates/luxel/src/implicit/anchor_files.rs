@@ -1,5 +1,5 @@
-//! The files of anchors: `anchors.safetensors`, and checkpoints, which hold the state of the training
-//! too. Both are files of arrays ([`luxel_io::write_arrays`]) with a description in JSON.
+//! The files of anchors: `anchors.safetensors`, and checkpoints, which hold the state of the
+//! training too. Both are files of arrays ([`luxel_io::write_arrays`]) with a description in JSON.
 
 use std::path::Path;
 

@@ -64,7 +64,7 @@ pub(super) fn write_checkpoint(
     write_parts(path, place, *shape, Parts { arrays, training: Some((training, [first, second])) })
 }
 
-/// What a file holds.
+/// The content of a file.
 struct Parts<'a> {
     arrays: &'a FieldArrays,
     /// State and moments.

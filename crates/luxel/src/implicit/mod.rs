@@ -1,5 +1,5 @@
-//! Training of scenes that are not stored as splats, with a run folder: radiance fields, and anchors,
-//! whose splats networks decode for each view.
+//! Training of scenes that are not stored as splats, with a run folder: radiance fields, and
+//! anchors, whose splats networks decode for each view.
 //!
 //! Such a run has the folder, events, log, metrics and report of any run ([`crate::run`]). Its
 //! checkpoints hold a scene and the state of its training, and `field/iteration_N/` or
@@ -11,6 +11,7 @@
 
 mod anchor_files;
 mod field_files;
+mod files;
 mod launch;
 mod newest;
 mod objective;
@@ -25,7 +26,7 @@ pub use launch::{TrainedImplicit, fresh, resume};
 use luxel_core::{ColorModel, ColorSpace, RadianceScale, RasterConfig, Scene, Similarity, Splats};
 pub use luxel_field::{ColorHead, FieldNetwork};
 use luxel_train::Method;
-pub use newest::newest;
+pub use newest::newest_scene;
 pub use scene::{Content, ImplicitScene};
 
 use crate::run::{RunConfig, RunFolder};
@@ -77,7 +78,7 @@ fn no_splats(root: &Path, config: &RunConfig) -> Error {
 /// A file of such a scene that is damaged or of another version.
 pub fn open_file(path: &Path) -> Result<Option<ImplicitScene>> {
     match kind_of_file(path) {
-        Some(_) => scene::read(path).map(Some),
+        Some(_) => files::read(path).map(Some),
         None => Ok(None),
     }
 }

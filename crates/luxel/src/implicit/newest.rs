@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use super::scene::{self, ImplicitScene};
+use super::files;
+use super::scene::ImplicitScene;
 use super::trainer::Checkpoint;
 use crate::error::Context;
 use crate::run::state::{continue_run, start_anew};
@@ -45,7 +46,7 @@ pub(super) fn take_checkpoint(folder: &RunFolder, observer: &dyn Observer) -> Re
 ///
 /// # Errors
 /// A run without a readable state.
-pub fn newest(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32, ImplicitScene)> {
+pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32, ImplicitScene)> {
     let scenes = ImplicitKind::ALL
         .into_iter()
         .flat_map(|kind| folder.implicit_iterations(kind).into_iter().map(move |n| (u64::from(n), folder.implicit(kind, n))));
@@ -54,7 +55,7 @@ pub fn newest(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32, Impli
     // Newest first; of the same step the scene, which is smaller, stays first.
     candidates.sort_by_key(|(iteration, _)| std::cmp::Reverse(*iteration));
     for (iteration, path) in candidates {
-        match scene::read(&path) {
+        match files::read(&path) {
             Ok(scene) => return Ok((u32::try_from(iteration)?, scene)),
             Err(error) => observer.warn(&format!("skipping a damaged file: {error:#}")),
         }

@@ -1,18 +1,14 @@
-//! [`ImplicitScene`]: a field or anchors, with what is needed to render them in the radiance of their
-//! data set.
-
-use std::path::Path;
+//! [`ImplicitScene`]: a field or anchors, with what is needed to render them in the radiance of
+//! their data set.
 
 use luxel_core::{Knots, Scene};
 use luxel_field::{Field, FieldEngine};
-use luxel_io::IoError;
 use luxel_train::{AnchorEngine, AnchorScene};
 
-use super::{anchor_files, field_files};
 use crate::error::Context;
 use crate::{Error, Remedy, Result, SelectedEngine, text};
 
-/// What an image is computed from.
+/// The scene that an image is computed from.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Content {
     /// A radiance field, which holds the camera's response if it has learned one; normalised units.
@@ -29,7 +25,7 @@ pub enum Content {
 /// A scene that is not stored as splats.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImplicitScene {
-    /// What an image is computed from.
+    /// The field or the anchors.
     pub content: Content,
     /// Its units and place: a scene without splats.
     pub place: Scene,
@@ -109,18 +105,5 @@ impl ImplicitScene {
                 Ok(SelectedEngine { engine: Box::new(engine), ..selected })
             }
         }
-    }
-}
-
-/// Reads the scene of a file, that of a checkpoint too.
-pub(super) fn read(path: &Path) -> Result<ImplicitScene> {
-    if luxel_io::holds_arrays(path, anchor_files::FORMAT) { anchor_files::read(path) } else { field_files::read(path) }
-}
-
-/// Writes a scene alone.
-pub(super) fn write(path: &Path, scene: &ImplicitScene) -> Result<(), IoError> {
-    match &scene.content {
-        Content::Field(field) => field_files::write(path, &scene.place, field),
-        Content::Anchors { scene: anchors, response } => anchor_files::write(path, &scene.place, anchors, response.as_deref()),
     }
 }

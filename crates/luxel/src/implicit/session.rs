@@ -1,13 +1,14 @@
-//! The loop of a run without stored splats, from its first (or next) step to its report: steps, log,
-//! checkpoints and evaluations, in the order and at the steps of any run ([`crate::run::Session`]).
+//! The loop of a run without stored splats, from its first (or next) step to its report: steps,
+//! log, checkpoints and evaluations, in the order and at the steps of any run
+//! ([`crate::run::Session`]).
 
 use std::collections::BTreeMap;
 
 use luxel_core::{Dataset, Engine, RenderOptions, Scene};
 use luxel_metrics::{FieldOptions, FlipChoice, GainFit};
 
-use super::scene;
-use super::trainer::Trainer;
+use super::files;
+use super::trainer::{StepLoss, Trainer};
 use crate::error::{Context, bail};
 use crate::run::checkpoints::save_checkpoint;
 use crate::run::clock::Clock;
@@ -37,7 +38,7 @@ struct LoopState {
     psnr_test_sample: Option<f64>,
     steps: u32,
     seconds: f64,
-    loss: f64,
+    loss: StepLoss,
 }
 
 impl ImplicitSession<'_> {
@@ -56,7 +57,7 @@ impl ImplicitSession<'_> {
             psnr_test_sample: last.and_then(|record| record.psnr_test_sample),
             steps: 0,
             seconds: 0.0,
-            loss: 0.0,
+            loss: StepLoss::default(),
         };
         let listening = self.launch.stop.listen();
         observer.event(Event::StepsBegin { done: start, total: self.config.train.iterations });
@@ -89,7 +90,7 @@ impl ImplicitSession<'_> {
             let loss = self.trainer.step()?;
             state.steps += 1;
             state.seconds += state.clock.seconds() - before;
-            state.loss += f64::from(loss);
+            state.loss.add(loss);
             let iteration = self.iteration();
             self.launch.observer.event(Event::Step { done: iteration });
             let save = self.config.run.saves_after(iteration, self.trainer.is_finished());
@@ -141,9 +142,9 @@ impl ImplicitSession<'_> {
         let (seconds, loss) = (std::mem::take(&mut state.seconds), std::mem::take(&mut state.loss));
         let record = LogRecord {
             iteration,
-            loss: loss / steps,
-            l1: None,
-            ssim: None,
+            loss: loss.total / steps,
+            l1: loss.parts.map(|[l1, _]| l1 / steps),
+            ssim: loss.parts.map(|[_, ssim]| ssim / steps),
             psnr_train,
             psnr_test: state.psnr_test,
             psnr_test_sample: state.psnr_test_sample,
@@ -227,7 +228,7 @@ impl ImplicitSession<'_> {
         let (iteration, folder, config) = (self.iteration(), self.launch.folder, self.config);
         let path = folder.implicit(self.trainer.kind(), iteration);
         let scene = self.trainer.scene(self.dataset);
-        scene::write(&path, &scene)?;
+        files::write(&path, &scene)?;
         let place = scene.place;
         self.launch.observer.event(Event::Saved { path });
         let images = folder.evaluation(iteration);

@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use luxel_core::{Dataset, Engine, Knots, Scene};
+use luxel_core::{Dataset, Engine, Knots, Scene, StepReport};
 use luxel_field::{FieldSnapshot, FieldTrainer};
 use luxel_io::IoError;
 use luxel_train::{AnchorTrainer, TrainConfig};
@@ -22,6 +22,22 @@ use crate::{Result, SelectedEngine, text};
 pub(super) enum Trainer {
     Field(Box<FieldTrainer>),
     Anchors(Box<AnchorTrainer>),
+}
+
+/// The loss of a step.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct StepLoss {
+    pub(super) total: f64,
+    /// Mean absolute difference and mean SSIM, of images.
+    pub(super) parts: Option<[f64; 2]>,
+}
+
+impl StepLoss {
+    /// Adds another step's.
+    pub(super) fn add(&mut self, other: Self) {
+        self.total += other.total;
+        self.parts = other.parts.map(|[l1, ssim]| self.parts.map_or([l1, ssim], |sums| [sums[0] + l1, sums[1] + ssim]));
+    }
 }
 
 /// A run that can be continued.
@@ -86,12 +102,15 @@ impl Trainer {
     }
 
     /// Makes a step, and returns its loss.
-    pub(super) fn step(&mut self) -> Result<f32> {
+    pub(super) fn step(&mut self) -> Result<StepLoss> {
         let step = self.iteration() + 1;
         let context = || format!("training step {step}");
         match self {
-            Self::Field(trainer) => Ok(trainer.step().with_context(context)?.loss),
-            Self::Anchors(trainer) => Ok(trainer.step().with_context(context)?.loss),
+            Self::Field(trainer) => Ok(StepLoss { total: trainer.step().with_context(context)?.loss.into(), parts: None }),
+            Self::Anchors(trainer) => {
+                let StepReport { loss, l1, ssim, .. } = trainer.step().with_context(context)?;
+                Ok(StepLoss { total: loss.into(), parts: Some([l1.into(), ssim.into()]) })
+            }
         }
     }
 

@@ -141,6 +141,7 @@ const ANCHOR_OPTIONS: &[&str] = &[
     "stereo_points",
     "max_splats",
     "pixels_per_splat",
+    "turnover",
     "densify_from",
     "densify_until",
     "densify_interval",
@@ -148,8 +149,8 @@ const ANCHOR_OPTIONS: &[&str] = &[
     "prune_opacity",
 ];
 
-/// Options of a run that a radiance field and anchors do not have: they have no display layer, all their
-/// images are in memory, and they start from nothing.
+/// Options of a run that a radiance field and anchors do not have: they have no display layer, all
+/// their images are in memory, and they start from nothing.
 const SPLAT_RUN_OPTIONS: &[&str] = &["refine_display", "image_memory", "from"];
 
 /// Options that depend on a choice, and whether it is made.

@@ -109,11 +109,11 @@ pub struct LoadedImplicit {
 /// are lifted as in training, by the checkpoint of that step.
 ///
 /// # Errors
-/// A run without a readable state; an engine of a GPU for a field or anchors; a device that gave up; a
-/// checkpoint that is not there where colours are lifted.
+/// A run without a readable state; an engine of a GPU for a field or anchors; a device that gave
+/// up; a checkpoint that is not there where colours are lifted.
 pub fn load_newest(folder: &RunFolder, config: &RunConfig, mut selected: SelectedEngine, observer: &dyn Observer) -> Result<LoadedRun> {
     if !config.train.method.stores_splats() {
-        let (iteration, found) = crate::implicit::newest(folder, observer)?;
+        let (iteration, found) = crate::implicit::newest_scene(folder, observer)?;
         let field_parameters = config.train.method.is_field().then(|| found.parameter_count());
         let (scene, loaded) = (found.place.clone(), LoadedImplicit { field_parameters, response: found.response() });
         return Ok(LoadedRun { iteration, scene, selected: found.into_engine(selected)?, implicit: Some(loaded) });
@@ -130,8 +130,8 @@ pub fn load_newest(folder: &RunFolder, config: &RunConfig, mut selected: Selecte
 }
 
 /// Returns the camera response that belongs to a run's scene of `iteration` steps: that of its
-/// field or anchors, or from the evaluation of that step, or from its checkpoint, which only an interrupted
-/// run has. `None` for a run on radiance.
+/// field or anchors, or from the evaluation of that step, or from its checkpoint, which only an
+/// interrupted run has. `None` for a run on radiance.
 ///
 /// # Errors
 /// A run of splats on captured LDR images that has neither.

@@ -4,11 +4,12 @@
 //! behind the first for the loss of linear radiance, and sizes in place of `grid` for a network
 //! without a grid, `nerf-8x256`; `hdr-gs` and `mono-hdr-gs`, which train on captured images beside
 //! radiance, `gausshdr` on those alone; `lcd-anchors` and
-//! `gausshdr-anchors`, whose splats anchors decode; `sh0` to `sh5`; `logsh3`; `lcd` with parts behind it in any order: `-exp` or `-relu` for the
-//! activation (softplus without), `-lN` for the degree to which luminance varies with the view (0
-//! without), `-cN` for the degree of chromaticity (3 without). Out: the method, which has one name
-//! ([`StudyMethod::name`]), and options of training. A name determines the whole method: `lcd` is
-//! the paper's whatever the defaults of training are.
+//! `gausshdr-anchors`, whose splats anchors decode; `sh0` to `sh5`; `logsh3`; `lcd` with parts
+//! behind it in any order: `-exp` or `-relu` for the activation (softplus without), `-lN` for the
+//! degree to which luminance varies with the view (0 without), `-cN` for the degree of chromaticity
+//! (3 without). Out: the method, which has one name ([`StudyMethod::name`]), and options of
+//! training. A name determines the whole method: `lcd` is the paper's whatever the defaults of
+//! training are.
 
 use luxel_core::{Activation, ColorModel};
 use luxel_train::{FieldLoss, FieldNetworkChoice, Method, NamedChoice, TrainConfig};

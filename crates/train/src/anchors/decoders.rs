@@ -11,7 +11,7 @@ use fearless_simd::{Level, Simd};
 use luxel_core::{ColorModel, random, sh};
 use luxel_networks::{Activations, LANES, Lanes, Network};
 
-use super::scene::check_numbers;
+use super::numbers::check_numbers;
 use super::{FEATURE, SPLATS_PER_ANCHOR};
 use crate::TrainError;
 

@@ -1,6 +1,6 @@
-//! Anchors as an engine that renders: evaluation, rendering and measurements of speed ask any engine
-//! for images. The splats that a camera sees are decoded and given to an engine of splats. What
-//! needs a scene of splats is refused.
+//! Anchors as an engine that renders: evaluation, rendering and measurements of speed ask any
+//! engine for images. The splats that a camera sees are decoded and given to an engine of splats.
+//! What needs a scene of splats is refused.
 
 use std::ops::Range;
 

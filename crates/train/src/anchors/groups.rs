@@ -1,8 +1,8 @@
 //! The trained numbers in groups, each with Adam's moments and a learning rate.
 //!
 //! In: gradients, the part of the run that is done. Out: updated anchors and networks. Rates are
-//! those of Scaffold-GS, log-linear over the run, but for two: offsets have no factor of the scene's
-//! extent, since they are in units of their anchor's scale.
+//! those of Scaffold-GS, log-linear over the run, but for one thing: offsets have no factor of the
+//! scene's extent, since they are in units of their anchor's scale.
 
 use super::decoders::NETWORKS;
 use super::gradients::AnchorGradients;
@@ -17,7 +17,7 @@ type Rates = [f64; 2];
 const OFFSET: Rates = [0.01, 1e-4];
 const FEATURES: Rates = [0.0075, 0.0075];
 const LOG_SCALE: Rates = [0.007, 0.007];
-/// Of the networks of opacity, shape and colour.
+/// Rates of the networks of opacity, shape and colour.
 const WEIGHTS: [Rates; NETWORKS] = [[0.002, 2e-5], [0.004, 0.004], [0.008, 5e-5]];
 const CONTEXT: Rates = [0.008, 5e-5];
 

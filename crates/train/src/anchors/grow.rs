@@ -4,8 +4,9 @@
 //! each of three grids, the splats whose mean gradient is above the grid's threshold and a random
 //! number ask for an anchor in their cell; cells without one get it, those of larger gradients
 //! first, as long as there is room. An anchor whose splats were all but transparent is pruned.
-//! Anchors follow one another along a space-filling curve, so that splats that are near in space
-//! are near in memory. Degenerate: without candidates nothing changes.
+//! Where there is no room left, the least opaque anchors make some. Anchors follow one another
+//! along a space-filling curve, so that splats that are near in space are near in memory.
+//! Degenerate: without candidates nothing changes.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -38,6 +39,8 @@ pub(super) struct GrowthRules {
     pub(super) prune_opacity: f32,
     /// Largest number of anchors.
     pub(super) limit: usize,
+    /// Part of that number that may make room in a round.
+    pub(super) turnover: f32,
     /// Largest standard deviation that splats may have, world units.
     pub(super) largest: f32,
     pub(super) seed: u64,
@@ -77,7 +80,8 @@ pub(super) fn grow(scene: &mut AnchorScene, groups: &mut Groups, statistics: &mu
         let (opacity, views) = (statistics.opacity[*i], statistics.views[*i]);
         views <= least_views || opacity >= rules.prune_opacity * views
     };
-    let kept: Vec<usize> = (0..scene.anchors.len()).filter(is_kept).collect();
+    let mut kept: Vec<usize> = (0..scene.anchors.len()).filter(is_kept).collect();
+    make_room(&mut kept, proposals.len(), statistics, rules);
     let pruned = scene.anchors.len() - kept.len();
     let mut anchors = scene.anchors.select(&kept);
     for Proposal { position, size, feature, .. } in proposals.into_iter().take(rules.limit.saturating_sub(kept.len())) {
@@ -97,6 +101,19 @@ pub(super) fn grow(scene: &mut AnchorScene, groups: &mut Groups, statistics: &mu
         scales[3..].iter_mut().for_each(|scale| *scale = scale.min(largest));
     }
     Changes { added, pruned }
+}
+
+/// Removes the least opaque of the anchors that have been seen enough, where there is no room for
+/// the ones that are asked for.
+fn make_room(kept: &mut Vec<usize>, asked: usize, statistics: &Statistics, rules: &GrowthRules) {
+    let room = rules.limit.saturating_sub(kept.len());
+    let wanted = asked.saturating_sub(room).min((f64::from(rules.turnover) * rules.limit as f64) as usize);
+    let opacity = |i: usize| statistics.opacity[i] / statistics.views[i].max(1.0);
+    let mut seen: Vec<usize> = kept.iter().copied().filter(|i| statistics.views[*i] > PRUNED_SHARE * rules.interval as f32).collect();
+    seen.sort_by(|a, b| opacity(*a).total_cmp(&opacity(*b)));
+    seen.truncate(wanted);
+    seen.sort_unstable();
+    kept.retain(|i| seen.binary_search(i).is_err());
 }
 
 /// Returns the anchors that splats ask for, those of larger gradients first.

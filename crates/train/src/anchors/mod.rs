@@ -1,12 +1,12 @@
 //! Anchors: a scene whose splats small networks decode for each view (Scaffold-GS, Lu et al. 2024).
 //!
-//! In: a data set, options, an engine of splats. Out: anchors on a voxel grid, each with ten offsets,
-//! a feature and sizes, and the networks that make ten splats of an anchor as seen from a camera.
-//! The engine renders the decoded splats and returns gradients by their parameters, which go back
-//! through the networks. Sums over anchors are made in chunks of constant size, in order: the same
-//! bits for any number of threads.
-//! Deviations from what was published: `docs/src/guide/published-methods.md`.
-//! Degenerate: a camera that sees no anchor sees the background.
+//! In: a data set, options, an engine of splats. Out: anchors on a voxel grid, each with ten
+//! offsets, a feature and sizes, and the networks that make ten splats of an anchor as seen from a
+//! camera. The engine renders the decoded splats and returns gradients by their parameters, which
+//! go back through the networks. Sums over anchors are made in chunks of constant size, in order:
+//! the same bits for any number of threads. Deviations from what was published:
+//! `docs/src/guide/published-methods.md`. Degenerate: a camera that sees no anchor sees the
+//! background.
 
 mod check;
 mod decode;
@@ -15,6 +15,7 @@ mod engine;
 mod gradients;
 mod groups;
 mod grow;
+mod numbers;
 mod saved;
 mod scene;
 mod start;

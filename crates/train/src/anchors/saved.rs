@@ -1,5 +1,5 @@
-//! A run of anchors as named arrays and text, from which it resumes bit for bit, and the scene alone
-//! in the same form.
+//! A run of anchors as named arrays and text, from which it resumes bit for bit, and the scene
+//! alone in the same form.
 //!
 //! In and out: [`AnchorSnapshot`]. Degenerate: arrays that are missing, of other lengths or not
 //! finite are errors that name them.
@@ -9,7 +9,8 @@ use serde::{Deserialize, Serialize};
 
 use super::decoders::Decoders;
 use super::groups::{GROUPS, Groups, NAMES, numbers};
-use super::scene::{AnchorScene, Anchors, check_numbers};
+use super::numbers::check_numbers;
+use super::scene::{AnchorScene, Anchors};
 use super::statistics::Statistics;
 use super::{FEATURE, OFFSETS, SCALES, SPLATS_PER_ANCHOR};
 use crate::TrainError;

@@ -3,6 +3,7 @@
 use luxel_core::ColorModel;
 
 use super::decoders::Decoders;
+use super::numbers::check_numbers;
 use super::{FEATURE, OFFSETS, SCALES, SPLATS_PER_ANCHOR};
 use crate::TrainError;
 
@@ -15,8 +16,8 @@ pub struct Anchors {
     pub offset: Vec<f32>,
     /// Features `[N,32]`.
     pub feature: Vec<f32>,
-    /// Natural logarithms `[N,6]` of the unit of offsets along the axes, and of the largest standard
-    /// deviations of the splats along theirs.
+    /// Natural logarithms `[N,6]` of the unit of offsets along the axes, and of the largest
+    /// standard deviations of the splats along theirs.
     pub log_scale: Vec<f32>,
 }
 
@@ -92,16 +93,5 @@ impl AnchorScene {
     pub(super) fn validate(&self) -> Result<(), TrainError> {
         self.anchors.validate()?;
         self.decoders.validate()
-    }
-}
-
-/// Checks the length and finiteness of an array that a file holds.
-pub(super) fn check_numbers(name: &str, values: &[f32], expected: usize) -> Result<(), TrainError> {
-    if values.len() != expected {
-        return Err(TrainError::State(format!("{name} has {} numbers, expected {expected}", values.len())));
-    }
-    match values.iter().position(|v| !v.is_finite()) {
-        Some(at) => Err(TrainError::State(format!("number {at} of {name} is not finite"))),
-        None => Ok(()),
     }
 }

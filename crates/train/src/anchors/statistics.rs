@@ -1,4 +1,4 @@
-//! What the steps since the last rounds tell about anchors and their splats.
+//! Statistics of anchors and their splats over the steps since the last rounds.
 //!
 //! In: decoded splats and their gradients, view by view. Out: sums and counts, by splat (ten of an
 //! anchor) and by anchor. Counts are whole numbers in f32, exact up to 2^24.

@@ -1,8 +1,8 @@
 //! The training of anchors, one step at a time.
 //!
-//! In: a data set, a configuration, an engine of splats. Out: a scene of anchors in normalised units.
-//! A step decodes the splats that its view shows, lets the engine compare their image with the
-//! view's and return gradients by their parameters, takes these back through the networks, and
+//! In: a data set, a configuration, an engine of splats. Out: a scene of anchors in normalised
+//! units. A step decodes the splats that its view shows, lets the engine compare their image with
+//! the view's and return gradients by their parameters, takes these back through the networks, and
 //! updates everything by Adam. Rounds of growth and pruning, the mean of the last states and the
 //! order of views are those of any training ([`crate::Schedule`]).
 
@@ -247,6 +247,7 @@ impl AnchorTrainer {
             threshold: config.densify_threshold,
             prune_opacity: config.prune_opacity,
             limit: anchor_limit(config, self.views.train_px()),
+            turnover: config.turnover,
             largest: LARGEST_PART * self.schedule.extent,
             seed: self.state.noise_seed(step),
         };
@@ -292,7 +293,7 @@ impl AnchorTrainer {
     }
 }
 
-/// What the engine returns of a step.
+/// The engine's results of a step.
 struct Found {
     report: StepReport,
     gradients: SparseGradients,

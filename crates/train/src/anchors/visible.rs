@@ -1,9 +1,9 @@
 //! The anchors that a camera may see.
 //!
-//! In: anchors, a camera. Out: their indices, ascending: those whose ball of three times the largest
-//! unit of offsets reaches the view of a pinhole beyond the near plane. Of other projections, all
-//! anchors. Splats whose offsets are longer are decoded with their anchor or not at all, in training
-//! and renders alike.
+//! In: anchors, a camera. Out: their indices, ascending: those whose ball of three times the
+//! largest unit of offsets reaches the view of a pinhole beyond the near plane. Of other
+//! projections, all anchors. Splats whose offsets are longer are decoded with their anchor or not
+//! at all, in training and renders alike.
 
 use glam::{DVec3, DVec4};
 use luxel_core::Camera;

@@ -110,7 +110,7 @@ options! {
         /// Colour model of splats, or anchors or a radiance field in place of splats
         method: Method = Method::Lcd, "METHOD", Range::Any;
         /// Map from the raw luminance to luminance
-        activation: Option<Activation> = None, "ACTIVATION", Range::Any, unset: "softplus, with lcd-anchors exp", needs: [LcdColors];
+        activation: Option<Activation> = None, "ACTIVATION", Range::Any, unset: "softplus", needs: [LcdColors];
         /// Degree of the chromaticity's spherical harmonics
         chroma_degree: Option<u8> = None, "DEGREE", Range::UpTo(5), unset: "3", needs: [Lcd];
         /// Degree of the luminance's spherical harmonics; above 0, brightness varies with the view

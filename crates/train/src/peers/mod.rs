@@ -61,7 +61,7 @@ pub(crate) enum SharedNetworks {
     HdrGs(ToneMappers),
     MonoHdrGs(MonoNetworks),
     GaussHdr(Box<GaussNetworks>),
-    /// Of anchors, which have features of their own.
+    /// Tone networks alone: anchors have features of their own.
     GaussHdrAnchors(Box<GaussTone>),
 }
 

@@ -7,7 +7,7 @@ use super::super::{FEATURE, OFFSETS, SPLATS_PER_ANCHOR};
 use super::{MODELS, scene};
 
 const RULES: GrowthRules =
-    GrowthRules { voxel: 0.1, interval: 100, threshold: 2e-4, prune_opacity: 0.005, limit: 100, largest: 1.0, seed: 3 };
+    GrowthRules { voxel: 0.1, interval: 100, threshold: 2e-4, prune_opacity: 0.005, limit: 100, turnover: 0.0, largest: 1.0, seed: 3 };
 
 /// Returns the statistics of anchors that are seen and opaque.
 fn seen(anchors: usize) -> Statistics {
@@ -69,6 +69,22 @@ fn transparent_anchors_are_pruned_and_moments_follow_the_others() {
     }
     // Counters of all but the one with too few views start anew.
     assert_eq!(statistics.views.iter().filter(|views| **views > 0.0).count(), 1);
+}
+
+#[test]
+fn the_least_opaque_anchors_make_room() {
+    let (mut scene, mut statistics) = (scene(MODELS[0], false, 30), seen(30));
+    let mut groups = Groups::new(&scene);
+    statistics.gradient.fill(1.0);
+    for (i, opacity) in [(3, 30.0), (9, 20.0), (12, 10.0), (20, 40.0)] {
+        statistics.opacity[i] = opacity;
+    }
+    let before = scene.clone();
+    // A tenth of 30.
+    let changes = grow(&mut scene, &mut groups, &mut statistics, &GrowthRules { limit: 30, turnover: 0.1, ..RULES });
+    assert_eq!((changes, scene.anchors.len()), (Changes { added: 3, pruned: 3 }, 30));
+    let is_there = |i: usize| scene.anchors.position.contains(&before.anchors.position[i]);
+    assert_eq!([3, 9, 12, 20].map(is_there), [false, false, false, true]);
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! Anchors in f64, written from the formulas: the splats that a camera at the origin sees, with the
 //! parameters of the engines, and images of them.
 //!
-//! In: all trained numbers, one group after another. Out: rows of splats. Shares no formula with the decoders.
+//! In: all trained numbers, one group after another. Out: rows of splats. Shares no formula with
+//! the decoders.
 
 use luxel_core::ColorModel;
 use luxel_core::engine::ParameterRows;
