@@ -92,7 +92,7 @@ fn options_and_data_that_anchors_do_not_have_are_refused() {
     refused(&["--antialias", "mip"], &["--antialias", "off or pixel"]);
     refused(&["--device", "gpu"], &["anchors are decoded and trained on the processor", "--device cpu"]);
     refused(&["--profile"], &["--profile", "anchors"]);
-    place.error(&["train", "data", "-o", "run", "--method", "gausshdr-anchors"], &["gausshdr-anchors", "captured"]);
+    place.error(&["train", "data", "-o", "run", "--method", "gausshdr-anchors"], &["expected a captured LDR image", "--supervision hdr"]);
     assert!(!place.path("run").exists());
     train(&place, "run", &["--activation", "exp"]);
     place.error(&["train", "--resume", "-o", "run", "--activation", "softplus"], &["--activation"]);
