@@ -102,8 +102,8 @@ impl Decoders {
 
     #[inline(always)]
     fn forward_with<S: Simd>(&self, simd: S, rooms: &mut [Activations; NETWORKS]) {
-        for n in 0..NETWORKS {
-            self.networks[n].forward(simd, &self.weights[n], &mut rooms[n]);
+        for (n, room) in rooms.iter_mut().enumerate() {
+            self.networks[n].forward(simd, &self.weights[n], room);
         }
     }
 
@@ -117,8 +117,8 @@ impl Decoders {
 
     #[inline(always)]
     fn backward_with<S: Simd>(&self, simd: S, rooms: &mut [Activations; NETWORKS], by_weights: &mut [Vec<f32>; NETWORKS]) {
-        for n in 0..NETWORKS {
-            self.networks[n].backward(simd, &self.weights[n], &mut rooms[n], &mut by_weights[n]);
+        for (n, (room, by_weights)) in rooms.iter_mut().zip(by_weights).enumerate() {
+            self.networks[n].backward(simd, &self.weights[n], room, by_weights);
         }
     }
 

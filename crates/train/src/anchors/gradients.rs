@@ -173,8 +173,8 @@ impl AnchorScene {
             let anchor = visible[chunk.anchors.start + item] as usize;
             let feature = &self.anchors.feature[anchor * FEATURE..(anchor + 1) * FEATURE];
             for (k, by) in by.into_iter().enumerate() {
-                for f in 0..FEATURE {
-                    out.by_context[k * FEATURE + f] += f64::from(by * feature[f]);
+                for (f, value) in feature.iter().enumerate() {
+                    out.by_context[k * FEATURE + f] += f64::from(by * value);
                     out.by_feature[item * FEATURE + f] += by * self.decoders.context[k * FEATURE + f];
                 }
             }
