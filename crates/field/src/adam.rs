@@ -9,7 +9,7 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
 
-use crate::lanes::LANES;
+use luxel_networks::LANES;
 
 const BETA1: f32 = 0.9;
 const BETA2: f32 = 0.99;

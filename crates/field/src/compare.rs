@@ -8,10 +8,10 @@ use fearless_simd::Simd;
 
 use crate::head::{Head, RAW};
 use crate::loss::PixelLoss;
-use crate::network::Activations;
 use crate::objective::Objective;
 use crate::options::FieldConfig;
 use crate::sampling::TrainingRay;
+use luxel_networks::Activations;
 
 /// Memory for comparing rays.
 #[derive(Debug, Default)]

@@ -12,7 +12,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16, u32x16};
 use serde::{Deserialize, Serialize};
 
-use crate::lanes::{LANES, Lanes};
+use luxel_networks::{LANES, Lanes};
 
 /// Features of a grid point.
 pub(crate) const FEATURES: usize = 2;

@@ -8,8 +8,8 @@
 use fearless_simd::Simd;
 use serde::{Deserialize, Serialize};
 
-use crate::lanes::LANES;
-use crate::network::{Activations, Network};
+use luxel_networks::LANES;
+use luxel_networks::{Activations, Network};
 
 /// Raw colours of a sample.
 pub(crate) const RAW: usize = 3;

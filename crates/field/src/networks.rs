@@ -11,9 +11,9 @@ use fearless_simd::Simd;
 
 use crate::grid::Grid;
 use crate::head::{ColorHead, Head, RAW};
-use crate::lanes::{LANES, Lanes, resize};
-use crate::network::{Activations, Network};
 use crate::trunk::{FieldNetwork, Parameters, Trunk, TrunkRoom};
+use luxel_networks::{Activations, Network};
+use luxel_networks::{LANES, Lanes, resize};
 
 /// Largest ln density: the exponential and its gradient stay in range.
 pub(crate) const MAX_LOG_DENSITY: f32 = 15.0;

@@ -8,10 +8,10 @@ use fearless_simd::Simd;
 
 use crate::field::Field;
 use crate::head::MAX_CHANNELS;
-use crate::lanes::Lanes;
 use crate::march::{Interval, March};
 use crate::networks::{Room, Samples, position_blocks};
 use crate::space::Ray;
+use luxel_networks::Lanes;
 
 /// Transmittance at which a ray ends.
 pub(crate) const MIN_TRANSMITTANCE: f32 = 1e-4;

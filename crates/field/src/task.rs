@@ -9,11 +9,11 @@ use fearless_simd::Simd;
 use crate::compare::{CompareRoom, Comparison};
 use crate::field::Field;
 use crate::head::MAX_CHANNELS;
-use crate::lanes::Lanes;
 use crate::networks::{Room, Samples, from_blocks, into_blocks};
 use crate::options::FieldConfig;
 use crate::sampling::{Sampling, TrainingRay};
 use crate::volume::{Composited, Intervals, composite};
+use luxel_networks::Lanes;
 
 /// Parts of a step.
 pub(crate) const TASKS: usize = 64;

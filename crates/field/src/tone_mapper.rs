@@ -14,8 +14,8 @@ use luxel_core::{Knots, RESPONSE_KNOTS};
 use crate::adam::{Moving, Rate};
 use crate::field::Field;
 use crate::head::{ColorHead, Head, RAW, fill_inputs, logistic};
-use crate::lanes::LANES;
-use crate::network::Activations;
+use luxel_networks::Activations;
+use luxel_networks::LANES;
 
 /// Normalised radiance that black counts as.
 const DARKEST: f32 = 1e-12;

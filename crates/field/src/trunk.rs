@@ -14,8 +14,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::frequencies;
 use crate::grid::{Grid, GridShape};
-use crate::lanes::{LANES, Lanes};
-use crate::network::{Activations, Network};
+use luxel_networks::{Activations, Network};
+use luxel_networks::{LANES, Lanes};
 
 /// Units of a hidden layer on a grid.
 const HIDDEN: usize = 32;

@@ -51,7 +51,7 @@ impl Scene {
             let (folder, _) = RunFolder::open(path)?;
             return Ok(Self(state::newest_scene(&folder, observer)?.1));
         }
-        crate::field::refuse_field_file(path)?;
+        crate::implicit::refuse_file(path)?;
         let file = luxel_io::read_scene_file(path).context("cannot read the scene")?;
         file.warnings.iter().for_each(|warning| observer.warn(&format!("{}: {warning}", path.display())));
         Ok(Self(file.scene))

@@ -80,6 +80,11 @@ impl TrainConfig {
     /// that train a field, which has no splats to give it to.
     pub fn color_model(&self) -> ColorModel {
         match self.sh_degree() {
+            _ if self.method == Method::GaussHdrAnchors => ColorModel::LogSh { degree: 0 },
+            // The networks see the direction.
+            _ if self.method == Method::LcdAnchors => {
+                ColorModel::Lcd { chroma_degree: 0, luminance_degree: 0, activation: self.activation.unwrap_or_default() }
+            }
             _ if matches!(self.method, Method::LogSh3 | Method::HdrGs | Method::GaussHdr) => ColorModel::LogSh { degree: 3 },
             Some(degree) => ColorModel::Sh { degree },
             None => ColorModel::Lcd {
@@ -92,7 +97,7 @@ impl TrainConfig {
 
     fn sh_degree(&self) -> Option<u8> {
         match self.method {
-            Method::Lcd | Method::LogSh3 | Method::HdrGs | Method::GaussHdr => None,
+            Method::Lcd | Method::LogSh3 | Method::HdrGs | Method::GaussHdr | Method::LcdAnchors | Method::GaussHdrAnchors => None,
             Method::NerfGrid | Method::HdrNerfGrid | Method::MonoHdrNerfGrid => None,
             Method::Sh0 => Some(0),
             Method::Sh1 => Some(1),
@@ -107,7 +112,7 @@ impl TrainConfig {
     pub fn raster(&self) -> RasterConfig {
         let cutoffs = match self.cutoffs {
             // Their rasteriser's cut-offs depend on no colour, as each splat has two.
-            _ if self.method.has_own_steps() => Cutoffs::PARITY,
+            _ if self.method.has_own_networks() => Cutoffs::PARITY,
             CutoffPreset::Hdr => Cutoffs::HDR,
             CutoffPreset::Parity => Cutoffs::PARITY,
         };

@@ -6,6 +6,7 @@
 //! bit for bit.
 
 mod ahead;
+mod anchors;
 mod average;
 mod camera_response;
 mod config;
@@ -38,6 +39,7 @@ mod view_order;
 mod views;
 mod vignetting;
 
+pub use anchors::{AnchorArray, AnchorEngine, AnchorScene, AnchorSnapshot, AnchorTrainer, Anchors, SPLATS_PER_ANCHOR};
 pub use config::{
     BatchRule, Condition, CutoffPreset, ExposureCompensation, FieldLoss, FieldNetworkChoice, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED,
     MCMC_DEFAULT_MAX_SPLATS, Method, Misplaced, NamedChoice, OPTIONS, OptionSpec, Preset, Range, ScaleRule, Strategy, TrainConfig,

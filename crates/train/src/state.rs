@@ -162,16 +162,11 @@ impl State {
     /// Reads the state of a snapshot and checks it against the data set that the run resumes with.
     pub(crate) fn from_snapshot(snapshot: &Snapshot, dataset: &Dataset) -> Result<Self, TrainError> {
         let state = Self::parse(&snapshot.state_json)?;
-        if state.fingerprint != dataset.fingerprint {
-            return Err(TrainError::Fingerprint { checkpoint: state.fingerprint, dataset: dataset.fingerprint.clone() });
-        }
         let (scene, config) = (snapshot.scene.splats.color_model, state.config.color_model());
         if scene != config {
             return Err(TrainError::ColorModel { scene: scene.name(), config: config.name() });
         }
-        if !state.cursor.fit(&state.order, dataset.train.len(), state.config.batch as usize) {
-            return Err(TrainError::State(format!("the order of views is not one of the data set's {} views", dataset.train.len())));
-        }
+        state.check_data(dataset)?;
         if (state.averaged > 0) != snapshot.average.is_some() {
             return Err(TrainError::State("the average of the parameters is missing, or is there without being counted".to_owned()));
         }
@@ -181,9 +176,6 @@ impl State {
         }
         if let Some(gains) = &state.gains {
             gains.validate(dataset.train.len())?;
-        }
-        if let Some(response) = &state.response {
-            response.validate()?;
         }
         if let Some(vignetting) = &state.vignetting {
             vignetting.validate(&Lenses::new(dataset))?;
@@ -199,10 +191,27 @@ impl State {
             return Err(TrainError::State("corrections of poses are missing, or are there without being asked for".to_owned()));
         }
         let (is_compensated, wanted) = (state.gains.is_some(), state.config.exposure_compensation != ExposureCompensation::Off);
-        if is_compensated != wanted || state.response.is_some() != learns_response(dataset, &state.config)? {
-            return Err(TrainError::State("gains or a camera's response are missing, or are there without being asked for".to_owned()));
+        if is_compensated != wanted {
+            return Err(TrainError::State("gains are missing, or are there without being asked for".to_owned()));
         }
         Ok(state)
+    }
+
+    /// Checks that the state is of a run on this data set.
+    pub(crate) fn check_data(&self, dataset: &Dataset) -> Result<(), TrainError> {
+        if self.fingerprint != dataset.fingerprint {
+            return Err(TrainError::Fingerprint { checkpoint: self.fingerprint.clone(), dataset: dataset.fingerprint.clone() });
+        }
+        if !self.cursor.fit(&self.order, dataset.train.len(), self.config.batch as usize) {
+            return Err(TrainError::State(format!("the order of views is not one of the data set's {} views", dataset.train.len())));
+        }
+        if let Some(response) = &self.response {
+            response.validate()?;
+        }
+        if self.response.is_some() != learns_response(dataset, &self.config)? {
+            return Err(TrainError::State("a camera's response is missing, or is there without being asked for".to_owned()));
+        }
+        Ok(())
     }
 
     pub(crate) fn parse(json: &str) -> Result<Self, TrainError> {
@@ -250,7 +259,7 @@ pub fn snapshot_response(snapshot: &Snapshot) -> Result<Option<Knots>, TrainErro
 /// Returns whether a run learns the response of a camera: of captured images, unless its method has
 /// networks for that.
 pub(crate) fn learns_response(dataset: &Dataset, config: &TrainConfig) -> Result<bool, TrainError> {
-    Ok(is_recorded(&dataset.train)? && !config.method.has_own_steps())
+    Ok(is_recorded(&dataset.train)? && !config.method.has_own_networks())
 }
 
 /// Returns the vignetting of each lens in a snapshot of a run on `dataset`; empty if it is not

@@ -23,8 +23,10 @@ mod scene_start;
 mod start;
 mod vignetting;
 
+pub(crate) use self::batch::{SlotView, view_of};
 pub use self::pairs::{lifted_engine, snapshot_scene};
 pub use self::saved::RunState;
+pub(crate) use self::start::{check_views, scene_extent};
 
 use std::collections::VecDeque;
 
@@ -33,7 +35,7 @@ use luxel_core::{
     ColorSpace, Engine, Exchange, Knots, RadianceScale, RasterConfig, RenderOptions, Scene, Similarity, Snapshot, Splats, StepReport,
 };
 
-use self::batch::{SlotView, rates_of_batch, scaled};
+use self::batch::{rates_of_batch, scaled};
 use crate::average::Average;
 use crate::config::Strategy;
 use crate::gains::Gains;

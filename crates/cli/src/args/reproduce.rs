@@ -19,7 +19,8 @@ use super::{ConsoleArgs, DeviceArgs, LoadArgs, MetricsArgs};
     nerf-grid (a radiance field on a hash grid), nerf-grid-linear with the loss of linear radiance; hdr-nerf-grid (needs captured images), \
     mono-hdr-nerf-grid (needs them beside radiance); nerf-8x256 and the like for a network of so many layers and units without a grid; hdr-gs and \
     mono-hdr-gs (need captured images beside radiance; the mono methods read one exposure of each pose, the middle one unless --exposures names another); \
-    gausshdr (needs captured images of several exposures). table1 and table2 stand for the rows of the paper's \
+    gausshdr (needs captured images of several exposures); lcd-anchors and gausshdr-anchors, whose splats networks decode from \
+    anchors for each view. table1 and table2 stand for the rows of the paper's \
     tables of results on synthetic and on real data, as far as they exist here.\n\n\
     Every run is a folder below DIR/runs. Finished runs are kept, interrupted ones are continued; the same command again writes the report anew. \
     Methods, data sets and seeds can be added: the report covers them and all finished runs of earlier commands. Other options need another folder. Ctrl-C and SIGTERM save all runs and exit with code 130, or SIGTERM with that of --requeue-code.\n\n\

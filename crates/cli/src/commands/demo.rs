@@ -40,8 +40,9 @@ const PICTURE_ENDINGS: [[&str; 2]; 2] = [["shadows", "shadows_photograph"], ["hi
 /// Trains, evaluates, renders, and reports where the results are.
 pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
     let console = Console::new(args.console.log_format, args.console.quiet);
-    if args.method.is_field() {
-        bail!("--method {}: the demo trains splats; train a radiance field with luxel train", args.method.name());
+    if !args.method.stores_splats() {
+        let trained = if args.method.has_anchors() { "anchors" } else { "a radiance field" };
+        bail!("--method {}: the demo trains splats; train {trained} with luxel train", args.method.name());
     }
     output::check_folder_name(&args.output, &output::RESULT_EXTENSIONS)?;
     let folder = RunFolder::at(&args.output);

@@ -1,6 +1,6 @@
 //! `luxel info`: the content of a file or folder.
 
-mod field;
+mod implicit;
 
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
@@ -8,7 +8,7 @@ use std::sync::{Mutex, PoisonError};
 use anyhow::{Context, Result};
 use glam::DVec3;
 use luxel::run::evaluation::Metrics;
-use luxel::run::{ExplicitArgs, RunFolder, RunMemory, state, vignetting_text};
+use luxel::run::{ExplicitArgs, ImplicitKind, RunFolder, RunMemory, state, vignetting_text};
 use luxel::{schema, text};
 use luxel_core::tone::rec709_of;
 use luxel_core::{ColorModel, ColorSpace, Dataset, Image, Scene, Splats, View, luminance_rec709, sigmoid};
@@ -94,9 +94,9 @@ fn describe_scene_file(path: &Path) -> Result<Tree> {
 
 fn describe_checkpoint(path: &Path) -> Result<Tree> {
     let mut facts = Tree::default();
-    if let Some(scene) = luxel::field::open_file(path).context("cannot read the field")? {
-        facts.set("kind", "radiance field");
-        field::add_to(&mut facts, &scene);
+    if let Some(scene) = luxel::implicit::open_file(path).context("cannot read the scene")? {
+        facts.set("kind", implicit::kind(&scene));
+        implicit::add_to(&mut facts, &scene);
         return Ok(facts);
     }
     let snapshot = luxel_io::read_checkpoint(path).context("cannot read the checkpoint")?;
@@ -122,16 +122,16 @@ fn describe_run(path: &Path, console: &Console) -> Result<Tree> {
     facts.set("iterations", config.train.iterations);
     facts.set("seed", config.train.seed);
     facts.set("luxel_version", config.luxel_version.clone());
-    if config.train.method.is_field() {
-        match luxel::field::newest_field(&folder, console) {
+    if let Some(kind) = ImplicitKind::of(config.train.method) {
+        match luxel::implicit::newest_scene(&folder, console) {
             Ok((iteration, scene)) => {
                 let mut newest = Tree::default();
                 newest.set("iteration", iteration);
-                field::add_to(&mut newest, &scene);
-                facts.group("field", newest);
+                implicit::add_to(&mut newest, &scene);
+                facts.group(kind.name(), newest);
             }
             Err(error) => {
-                facts.set("field", format!("{error:#}"));
+                facts.set(kind.name(), format!("{error:#}"));
             }
         }
     } else {

@@ -59,13 +59,13 @@ struct OpenEngine {
 enum Content {
     /// Nothing yet: splats come in after edits.
     Nothing,
-    /// A radiance field of this digest.
-    Field(String),
+    /// A radiance field, or anchors, of this digest.
+    Implicit(String),
     /// The run's splats, whose colours it lifts to radiance.
     Lifted,
 }
 
-/// Opens the engine, and puts a radiance field or a scene of lifted colours into it.
+/// Opens the engine, and puts a radiance field, anchors or a scene of lifted colours into it.
 fn open_engine(args: &RenderArgs, source: &mut SceneSource, console: &Console) -> Result<OpenEngine> {
     let is_edited = args.edit.is_some() || args.edits.is_some();
     if let Some((folder, config)) = source.run.as_ref().filter(|(_, config)| config.train.method.lifts_colors()) {
@@ -77,13 +77,13 @@ fn open_engine(args: &RenderArgs, source: &mut SceneSource, console: &Console) -
         return Ok(OpenEngine { engine: state::load_newest(folder, config, selected, console)?.selected.engine, content: Content::Lifted });
     }
     let selected = engine::engine_of(&device(args), source.run.as_ref().map(|(_, config)| config))?;
-    let Some(field) = source.field.take() else { return Ok(OpenEngine { engine: selected.engine, content: Content::Nothing }) };
+    let Some(implicit) = source.implicit.take() else { return Ok(OpenEngine { engine: selected.engine, content: Content::Nothing }) };
     if let (Some((folder, _)), true) = (&source.run, is_edited) {
         // Edits are of splats.
-        luxel::field::refuse_field(folder)?;
+        luxel::implicit::refuse(folder)?;
     }
-    let content = Content::Field(field.digest());
-    Ok(OpenEngine { engine: field.into_engine(selected)?.engine, content })
+    let content = Content::Implicit(implicit.digest());
+    Ok(OpenEngine { engine: implicit.into_engine(selected)?.engine, content })
 }
 
 /// Renders the images that are not there; `explicit` names the options that were given.
@@ -113,7 +113,7 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     let mut recipe = recipe(args, scene, &options);
     match &content {
         Content::Nothing => {}
-        Content::Field(digest) => recipe = recipe.with("field", digest),
+        Content::Implicit(digest) => recipe = recipe.with("field", digest),
         Content::Lifted => recipe = recipe.with("colors", "lifted"),
     }
     let all = jobs(args, shots, &recipe, &console)?;

@@ -3,13 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use luxel::field::TrainedField;
+use luxel::implicit::TrainedImplicit;
 use luxel::run::{
-    ExplicitArgs, Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLock, TrainedRun, follow, fresh_over, resume_over,
+    ExplicitArgs, ImplicitKind, Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLock, TrainedRun, follow, fresh_over,
+    resume_over,
 };
 use luxel::{Remedy, output, text};
 use luxel_core::{Alone, Dataset, Exchange};
-use luxel_train::MAX_BATCH;
+use luxel_train::{MAX_BATCH, Method};
 use serde_json::json;
 
 use super::demo;
@@ -79,8 +80,9 @@ fn lead(args: &TrainArgs, explicit: &ExplicitArgs, exchange: Box<dyn Exchange>) 
         _ => None,
     };
     let start = resolve(args, explicit, folder.occupant()?, exchange.ranks())?;
-    if start.config().train.method.is_field() {
-        check_field(args)?;
+    let method = start.config().train.method;
+    if !method.stores_splats() {
+        check_implicit(args, method)?;
     }
     if args.stop_at_end_of_input {
         interrupt::at_end_of_input();
@@ -93,8 +95,8 @@ fn lead(args: &TrainArgs, explicit: &ExplicitArgs, exchange: Box<dyn Exchange>) 
     #[cfg(not(feature = "view"))]
     let observer = &console;
     let launch = Launch { folder: &folder, observer, stop: interrupt::stop() };
-    if start.config().train.method.is_field() {
-        return train_field(start, lock, launch, explicit, &console);
+    if !method.stores_splats() {
+        return train_implicit(start, lock, launch, explicit, &console);
     }
     let TrainedRun { outcome, config, mut trainer, steps, .. } = match start {
         Start::Fresh(config) => {
@@ -125,17 +127,17 @@ fn lead(args: &TrainArgs, explicit: &ExplicitArgs, exchange: Box<dyn Exchange>) 
     Ok(outcome)
 }
 
-/// Trains a radiance field.
-fn train_field(start: Start, lock: Option<RunLock>, launch: Launch<'_>, explicit: &ExplicitArgs, console: &Console) -> Result<Outcome> {
+/// Trains a radiance field or anchors.
+fn train_implicit(start: Start, lock: Option<RunLock>, launch: Launch<'_>, explicit: &ExplicitArgs, console: &Console) -> Result<Outcome> {
     let folder = launch.folder;
-    let TrainedField { outcome, config } = match start {
+    let TrainedImplicit { outcome, config } = match start {
         Start::Fresh(config) => {
             let (engine, load) = (training_engine(&config)?, config.load.clone());
             let make_room = |dataset: &Dataset| {
                 data::check_color_space(dataset, &load, explicit).map_err(|error| luxel::Error::new(error.to_string()))?;
                 lock_free(folder)
             };
-            luxel::field::fresh(config, engine, launch, make_room)?
+            luxel::implicit::fresh(config, engine, launch, make_room)?
         }
         Start::Replace(config, replaced) => {
             let (engine, load) = (training_engine(&config)?, config.load.clone());
@@ -143,20 +145,21 @@ fn train_field(start: Start, lock: Option<RunLock>, launch: Launch<'_>, explicit
                 data::check_color_space(dataset, &load, explicit).map_err(|error| luxel::Error::new(error.to_string()))?;
                 clear_run(folder, replaced)
             };
-            luxel::field::fresh(config, engine, launch, make_room)?
+            luxel::implicit::fresh(config, engine, launch, make_room)?
         }
         Start::Resume(config) => {
             let lock = lock.map_or_else(|| folder.lock(), Ok)?;
             let engine = training_engine(&config)?;
-            luxel::field::resume(config, engine, launch, lock)?
+            luxel::implicit::resume(config, engine, launch, lock)?
         }
     };
     finish(outcome, folder, &config, console)?;
     Ok(outcome)
 }
 
-/// Refuses what a radiance field's training does not do.
-fn check_field(args: &TrainArgs) -> Result<()> {
+/// Refuses what the training of a radiance field, or of anchors, does not do.
+fn check_implicit(args: &TrainArgs, method: Method) -> Result<()> {
+    let trained = if method.has_anchors() { "anchors" } else { "a radiance field" };
     let refused = [
         ("--profile", args.profile),
         ("--distributed", args.distributed.is_some()),
@@ -164,7 +167,7 @@ fn check_field(args: &TrainArgs) -> Result<()> {
         ("--view", args.view.is_some()),
     ];
     match refused.into_iter().find(|(_, is_given)| *is_given) {
-        Some((option, _)) => bail!("{option}: is for splats, and --method trains a radiance field; leave one of them out"),
+        Some((option, _)) => bail!("{option}: is for splats, and --method trains {trained}; leave one of them out"),
         None => Ok(()),
     }
 }
@@ -293,11 +296,11 @@ fn finish(outcome: Outcome, folder: &RunFolder, config: &RunConfig, console: &Co
         return Ok(());
     }
     // As text: JSON has no form for a name that is not UTF-8.
-    let is_field = config.train.method.is_field();
-    let result = if is_field { folder.field(config.train.iterations) } else { folder.scene(config.train.iterations) };
+    let (kind, iterations) = (ImplicitKind::of(config.train.method), config.train.iterations);
+    let result = kind.map_or_else(|| folder.scene(iterations), |kind| folder.implicit(kind, iterations));
     let [scene, metrics, report] = [result, folder.metrics(), folder.report()].map(|path| path.display().to_string());
-    let name = if is_field { "field" } else { "scene" };
-    let text = format!("{name}   {scene}\nmetrics {metrics}\nreport  {report}");
+    let name = kind.map_or("scene", ImplicitKind::name);
+    let text = format!("{name:7} {scene}\nmetrics {metrics}\nreport  {report}");
     console.finish_with_note(json!({ name: scene, "metrics": metrics, "report": report }), &text);
     Ok(())
 }

@@ -13,12 +13,12 @@ pub(crate) fn engine(args: &DeviceArgs) -> Result<SelectedEngine> {
     worded(&options, SelectedEngine::open(&options))
 }
 
-/// Opens the engine for a run's newest state, or a scene without a run: a radiance field and lifted
-/// colours are rendered on the processor.
+/// Opens the engine for a run's newest state, or a scene without a run: a radiance field, anchors
+/// and lifted colours are rendered on the processor.
 pub(crate) fn engine_of(args: &DeviceArgs, run: Option<&RunConfig>) -> Result<SelectedEngine> {
     let options = args.options();
     match run.map(|config| config.train.method) {
-        Some(method) if method.is_field() => worded(&options, luxel::field::open_processor(&options)),
+        Some(method) if !method.stores_splats() => worded(&options, luxel::implicit::open_processor(&options, method)),
         Some(method) if method.lifts_colors() => {
             let reason = format!("method {} lifts colours to radiance on the CPU", method.name());
             worded(&options, SelectedEngine::on_processor(&options, &reason))
@@ -29,8 +29,8 @@ pub(crate) fn engine_of(args: &DeviceArgs, run: Option<&RunConfig>) -> Result<Se
 
 /// Opens the engine for training.
 pub(crate) fn training_engine(config: &RunConfig) -> Result<SelectedEngine> {
-    if config.train.method.is_field() {
-        return worded(&config.device, luxel::field::open_processor(&config.device));
+    if !config.train.method.stores_splats() {
+        return worded(&config.device, luxel::implicit::open_processor(&config.device, config.train.method));
     }
     let has_own_steps = config.train.method.has_own_steps();
     let is_packed = config.train.packs_moments();

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
-use luxel::field::FieldScene;
+use luxel::implicit::ImplicitScene;
 use luxel::run::{ExplicitArgs, RunCameras, RunConfig, RunFolder, state};
 use luxel::{LoadOptions, Remedy, text};
 use luxel_core::{Dataset, Scene};
@@ -15,10 +15,10 @@ use crate::output::console::Console;
 
 /// A scene and the run it comes from.
 pub(crate) struct SceneSource {
-    /// The scene; that of a field has its units and place, and no splats.
+    /// The scene; that of a field or of anchors has their units and place, and no splats.
     pub(crate) scene: Scene,
-    /// The radiance field that is rendered in place of splats.
-    pub(crate) field: Option<FieldScene>,
+    /// The radiance field, or the anchors, rendered in place of splats.
+    pub(crate) implicit: Option<ImplicitScene>,
     /// `None` for a file.
     pub(crate) run: Option<(RunFolder, RunConfig)>,
     /// Steps of training after which the scene is as it is; 0 for a file.
@@ -65,19 +65,19 @@ impl SceneSource {
             let (folder, config) = RunFolder::open(path)?;
             let (iteration, scene) = state::newest_scene(&folder, console)?;
             console.note(&format!("scene of step {iteration}: {}", text::plural(scene.splats.len(), "splat")));
-            return Ok(Self { scene, field: None, run: Some((folder, config)), iteration });
+            return Ok(Self { scene, implicit: None, run: Some((folder, config)), iteration });
         }
-        Ok(Self { scene: luxel::Scene::open_reporting(path, console)?.into_core(), field: None, run: None, iteration: 0 })
+        Ok(Self { scene: luxel::Scene::open_reporting(path, console)?.into_core(), implicit: None, run: None, iteration: 0 })
     }
 
-    /// Reads the scene at `path`, of splats or of a radiance field, to render it.
+    /// Reads the scene at `path`, of splats, of a radiance field or of anchors, to render it.
     pub(crate) fn open_to_render(path: &Path, console: &Console) -> Result<Self> {
         if path.is_dir() {
             let (folder, config) = RunFolder::open(path)?;
-            if config.train.method.is_field() {
-                let (iteration, field) = luxel::field::newest_field(&folder, console)?;
-                console.note(&format!("field of step {iteration}: {}", text::plural(field.field.parameter_count(), "parameter")));
-                return Ok(Self { scene: field.place.clone(), field: Some(field), run: Some((folder, config)), iteration });
+            if !config.train.method.stores_splats() {
+                let (iteration, found) = luxel::implicit::newest_scene(&folder, console)?;
+                console.note(&format!("step {iteration}: {}", found.summary()));
+                return Ok(Self { scene: found.place.clone(), implicit: Some(found), run: Some((folder, config)), iteration });
             }
         }
         Self::open(path, console)

@@ -5,11 +5,11 @@ use fearless_simd::Level;
 use super::oracle::{self, difference};
 use crate::PixelLoss;
 use crate::grid::Grid;
-use crate::lanes::{LANES, Lanes};
-use crate::network::{Activations, Network};
 use crate::networks::position_blocks;
 use crate::tests::{SMALL, assert_close, numbers, wide};
 use crate::volume::{Composited, Intervals, composite};
+use luxel_networks::{Activations, Network};
+use luxel_networks::{LANES, Lanes};
 
 fn positions(count: usize) -> Vec<[f32; 3]> {
     numbers(3, 3 * count, 0.5).chunks_exact(3).map(|p| [p[0] + 0.5, p[1] + 0.5, p[2] + 0.5]).collect()

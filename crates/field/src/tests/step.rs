@@ -6,13 +6,13 @@ use luxel_core::{RadianceScale, sh};
 use super::oracle::{self, difference};
 use super::{SMALL, assert_close, numbers, wide};
 use crate::field::Field;
-use crate::lanes::LANES;
 use crate::networks::Networks;
 use crate::occupancy::Occupancy;
 use crate::sampling::TrainingRay;
 use crate::space::Ray;
 use crate::task::{StepContext, Task, TaskRoom};
 use crate::{ColorHead, FieldArrays, FieldConfig, FieldNetwork, FieldShape, Objective, PixelLoss, Space};
+use luxel_networks::LANES;
 
 const SHARE: f64 = 0.2;
 const DISTORTION: f64 = 0.05;

@@ -69,8 +69,9 @@ pub fn evaluate_run(
     observer: &dyn Observer,
 ) -> Result<Vec<(&'static str, SplitMetrics)>> {
     let EvaluationData { path, load, dataset } = data;
-    let LoadedRun { iteration, scene, selected, field } = state::load_newest(folder, config, selected, observer)?;
+    let LoadedRun { iteration, scene, selected, implicit } = state::load_newest(folder, config, selected, observer)?;
     let SelectedEngine { mut engine, threads, computed_by, .. } = selected;
+    let splats = engine.len();
     check_color_space(path, dataset, &scene)?;
     let is_own = output::is_same(path, &config.dataset_path(folder.root()));
     let cameras = if is_own { RunCameras::read_at(folder, iteration)? } else { RunCameras::default() };
@@ -87,7 +88,7 @@ pub fn evaluate_run(
         peak_luminance: metrics.peak_luminance,
         flip: metrics.flip,
         lpips: metrics.lpips,
-        response: state::response(folder, config, iteration, field.as_ref())?,
+        response: state::response(folder, config, iteration, implicit.as_ref())?,
         log_gains: Captures::read(folder)?.log_gains_at(iteration),
         progress: Some(FrameProgress { observer, done: 0, total: count_frames(config, dataset) }),
     };
@@ -115,8 +116,8 @@ pub fn evaluate_run(
     let metrics = Metrics {
         method: config.method_name(),
         iterations: iteration,
-        splats: scene.splats.len(),
-        field_parameters: field.map(|field| field.parameters),
+        splats,
+        field_parameters: implicit.and_then(|implicit| implicit.field_parameters),
         train_seconds: spent.map_or(0.0, |record| record.elapsed_s),
         train_cpu_seconds: spent.and_then(|record| record.cpu_s),
         peak_rss_bytes: spent.and_then(|record| record.peak_rss_bytes).max(memory::peak_resident_bytes()),

@@ -24,7 +24,7 @@ pub struct Metrics {
     pub method: String,
     /// Steps of training.
     pub iterations: u32,
-    /// Splats; 0 for a radiance field.
+    /// Splats, of anchors all that they can decode; 0 for a radiance field.
     pub splats: usize,
     /// Parameters of a radiance field.
     #[serde(default, skip_serializing_if = "Option::is_none")]

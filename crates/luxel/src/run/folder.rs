@@ -6,6 +6,7 @@
 //! checkpoints/                             state to resume from
 //! point_cloud/iteration_N/point_cloud.ply  the scene, where other tools look for it
 //! field/iteration_N/field.safetensors      the radiance field of a run without splats
+//! anchors/iteration_N/anchors.safetensors  the anchors of a run whose splats they decode
 //! eval/step_N/{renders,gt}/*.exr           test views in the units of the data set
 //! eval/step_N/metrics.json                 their metrics; marks the evaluation as complete
 //! eval/step_N_on_DATA/                     test views of other data, named in source.toml
@@ -20,6 +21,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use luxel_io::LoadOptions;
+use luxel_train::Method;
 
 use super::RunConfig;
 use super::plots;
@@ -36,10 +38,11 @@ pub const LOCK: &str = ".lock";
 
 /// Everything training puts into a run folder besides [`CONFIG`]; all that [`RunFolder::clear`]
 /// deletes.
-const CONTENTS: [&str; 12] = [
+const CONTENTS: [&str; 13] = [
     "checkpoints",
     "point_cloud",
     "field",
+    "anchors",
     "eval",
     "metrics.json",
     "cameras.json",
@@ -50,6 +53,37 @@ const CONTENTS: [&str; 12] = [
     "report.html",
     "measured.json",
 ];
+
+/// A kind of scene that is not stored as splats.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ImplicitKind {
+    /// A radiance field.
+    Field,
+    /// Anchors.
+    Anchors,
+}
+
+impl ImplicitKind {
+    /// All kinds.
+    pub const ALL: [Self; 2] = [Self::Field, Self::Anchors];
+
+    /// Returns the kind of scene that a method trains; `None` for splats.
+    pub fn of(method: Method) -> Option<Self> {
+        match method {
+            _ if method.is_field() => Some(Self::Field),
+            _ if method.has_anchors() => Some(Self::Anchors),
+            _ => None,
+        }
+    }
+
+    /// Returns the name of its folder and file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Field => "field",
+            Self::Anchors => "anchors",
+        }
+    }
+}
 
 /// A run's place on disk.
 #[derive(Clone, Debug)]
@@ -165,7 +199,7 @@ impl RunFolder {
             bail!("{}: another luxel is at work in this folder; wait for it, or choose another", self.root.display());
         }
         sweep(&self.root, 0);
-        ["point_cloud", "field", "eval"].into_iter().for_each(|name| sweep(&self.root.join(name), 2));
+        ["point_cloud", "field", "anchors", "eval"].into_iter().for_each(|name| sweep(&self.root.join(name), 2));
         Ok(RunLock { _file: file, _confinement: confinement })
     }
 
@@ -235,9 +269,10 @@ impl RunFolder {
         self.root.join("point_cloud").join(format!("iteration_{iteration}")).join("point_cloud.ply")
     }
 
-    /// Returns the path of the radiance field after `iteration` steps.
-    pub fn field(&self, iteration: u32) -> PathBuf {
-        self.root.join("field").join(format!("iteration_{iteration}")).join("field.safetensors")
+    /// Returns the path of the field or the anchors after `iteration` steps.
+    pub fn implicit(&self, kind: ImplicitKind, iteration: u32) -> PathBuf {
+        let name = kind.name();
+        self.root.join(name).join(format!("iteration_{iteration}")).join(format!("{name}.safetensors"))
     }
 
     /// Returns the folder of the evaluation after `iteration` steps.
@@ -306,10 +341,10 @@ impl RunFolder {
         found
     }
 
-    /// Returns the iterations with a radiance field, newest first.
-    pub fn field_iterations(&self) -> Vec<u32> {
-        let mut found = numbered(&self.root.join("field"), "iteration_");
-        found.retain(|&n| self.field(n).is_file());
+    /// Returns the iterations with a field or with anchors, newest first.
+    pub fn implicit_iterations(&self, kind: ImplicitKind) -> Vec<u32> {
+        let mut found = numbered(&self.root.join(kind.name()), "iteration_");
+        found.retain(|&n| self.implicit(kind, n).is_file());
         found
     }
 

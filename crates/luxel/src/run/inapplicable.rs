@@ -113,8 +113,44 @@ const FIELD_OPTIONS: &[&str] = &[
     "unit_exposure",
 ];
 
-/// Options of a run that a radiance field does not have: it has no display layer, all its images
-/// are in memory, and it starts from nothing.
+/// Options of training that anchors have; all others are about stored splats.
+const ANCHOR_OPTIONS: &[&str] = &[
+    "preset",
+    "iterations",
+    "seed",
+    "resolution_schedule",
+    "crop",
+    "average_share",
+    "dropout",
+    "method",
+    "activation",
+    "scale_rule",
+    "radiance_scale",
+    "background",
+    "mu",
+    "ssim_weight",
+    "squared_share",
+    "tone_lr",
+    "noise_model",
+    "unit_exposure",
+    "antialias",
+    "samples",
+    "samples_share",
+    "cutoffs",
+    "init_points",
+    "stereo_points",
+    "max_splats",
+    "pixels_per_splat",
+    "turnover",
+    "densify_from",
+    "densify_until",
+    "densify_interval",
+    "densify_threshold",
+    "prune_opacity",
+];
+
+/// Options of a run that a radiance field and anchors do not have: they have no display layer, all
+/// their images are in memory, and they start from nothing.
 const SPLAT_RUN_OPTIONS: &[&str] = &["refine_display", "image_memory", "from"];
 
 /// Options that depend on a choice, and whether it is made.
@@ -149,16 +185,18 @@ impl RunConfig {
     }
 
     fn groups(&self) -> Vec<Group> {
-        let of_splats = OPTIONS.iter().map(|option| option.name).filter(|name| !FIELD_OPTIONS.contains(name));
+        let method = self.train.method;
+        let known = if method.has_anchors() { ANCHOR_OPTIONS } else { FIELD_OPTIONS };
+        let of_splats = OPTIONS.iter().map(|option| option.name).filter(|name| !known.contains(name));
         let splats = Group {
             choice: Choice { option: "method", value: "lcd or sh0 to sh5" },
-            is_made: !self.train.method.is_field(),
+            is_made: method.stores_splats(),
             options: of_splats.chain(SPLAT_RUN_OPTIONS.iter().copied()).collect(),
         };
         // Of the fields; splats learn a response from any captured images.
         let unit_exposure = Group {
             choice: Choice { option: "method", value: Method::HdrNerfGrid.name() },
-            is_made: !self.train.method.is_field() || self.train.method == Method::HdrNerfGrid,
+            is_made: !method.is_field() || method == Method::HdrNerfGrid,
             options: vec!["unit_exposure"],
         };
         let frozen = Group {
@@ -172,8 +210,8 @@ impl RunConfig {
             options: INITIAL_OPTIONS.to_vec(),
         };
         let cutoffs = Group {
-            choice: Choice { option: "method", value: "lcd, sh0 to sh5 or logsh3" },
-            is_made: !self.train.method.has_own_steps(),
+            choice: Choice { option: "method", value: "lcd, sh0 to sh5, logsh3 or lcd-anchors" },
+            is_made: !method.has_own_networks(),
             options: vec!["cutoffs"],
         };
         let train = &self.train;

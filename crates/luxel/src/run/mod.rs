@@ -60,7 +60,7 @@ pub use config::{Difference, MadeBy, RunConfig, RunOptions};
 pub use evaluate::{EvaluationData, MetricsOptions, SceneMetrics, evaluate_run, evaluate_scene};
 pub use evaluation::{FrameProgress, Metrics, Rendering};
 pub use explicit::ExplicitArgs;
-pub use folder::{LOCK, Occupant, RunFolder, RunLock, is_left_over};
+pub use folder::{ImplicitKind, LOCK, Occupant, RunFolder, RunLock, is_left_over};
 pub use follow::follow;
 pub use inapplicable::{Choice, Inapplicable};
 pub use launch::{Launch, TrainedRun, fresh, fresh_over, resume, resume_over};

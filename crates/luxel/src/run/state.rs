@@ -48,9 +48,9 @@ pub fn newest_checkpoint(folder: &RunFolder) -> Option<PathBuf> {
 /// newer checkpoint.
 ///
 /// # Errors
-/// A run of a radiance field, which has no splats; a run without a readable scene.
+/// A run of a radiance field or of anchors, which have no splats; a run without a readable scene.
 pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32, Scene)> {
-    crate::field::refuse_field(folder)?;
+    crate::implicit::refuse(folder)?;
     enum Source {
         Scene(PathBuf),
         Checkpoint(PathBuf),
@@ -82,60 +82,62 @@ pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32,
     Err(Error::new(format!("{}: the run has no readable scene yet", folder.root().display())).with_remedy(continue_run()))
 }
 
-/// A run's newest scene or field, in an engine that renders it as its method does.
+/// A run's newest scene, of any kind, in an engine that renders it as its method does.
 pub struct LoadedRun {
     /// Steps of training.
     pub iteration: u32,
-    /// The scene; that of a field has its units and place, and no splats. That of a method that
+    /// The scene; that of a field or of anchors has their units and place, and no splats. That of a
+    /// method that
     /// lifts colours is without the lift, which the engine has.
     pub scene: Scene,
     /// The engine.
     pub selected: SelectedEngine,
-    /// The field; `None` for splats.
-    pub field: Option<LoadedField>,
+    /// The field or the anchors; `None` for splats.
+    pub implicit: Option<LoadedImplicit>,
 }
 
-/// Facts about a field that an engine holds.
-pub struct LoadedField {
-    /// Number of parameters.
-    pub parameters: usize,
-    /// The camera's response, if the field has learned one.
+/// Facts about a field or anchors that an engine holds.
+pub struct LoadedImplicit {
+    /// Number of a field's parameters.
+    pub field_parameters: Option<usize>,
+    /// The camera's response, if it was learned.
     pub response: Option<Knots>,
 }
 
-/// Loads a run's newest state that can be read, of splats or of a field, for rendering. A field is
+/// Loads a run's newest state that can be read, of any kind, for rendering. Fields and anchors are
 /// rendered on the processor: `selected` says with how many threads. Colours that a method lifts
 /// are lifted as in training, by the checkpoint of that step.
 ///
 /// # Errors
-/// A run without a readable state; an engine of a GPU for a field; a device that gave up; a
-/// checkpoint that is not there where colours are lifted.
+/// A run without a readable state; an engine of a GPU for a field or anchors; a device that gave
+/// up; a checkpoint that is not there where colours are lifted.
 pub fn load_newest(folder: &RunFolder, config: &RunConfig, mut selected: SelectedEngine, observer: &dyn Observer) -> Result<LoadedRun> {
-    if config.train.method.is_field() {
-        let (iteration, field) = crate::field::newest_field(folder, observer)?;
-        let loaded = LoadedField { parameters: field.field.parameter_count(), response: field.field.response() };
-        return Ok(LoadedRun { iteration, scene: field.place.clone(), selected: field.into_engine(selected)?, field: Some(loaded) });
+    if !config.train.method.stores_splats() {
+        let (iteration, found) = crate::implicit::newest_scene(folder, observer)?;
+        let field_parameters = config.train.method.is_field().then(|| found.parameter_count());
+        let (scene, loaded) = (found.place.clone(), LoadedImplicit { field_parameters, response: found.response() });
+        return Ok(LoadedRun { iteration, scene, selected: found.into_engine(selected)?, implicit: Some(loaded) });
     }
     let (iteration, scene) = newest_scene(folder, observer)?;
     if config.train.method.lifts_colors() {
         let (path, snapshot) = snapshot_of(folder, iteration, "the lift to radiance")?;
         let lifted = luxel_train::lifted_engine(&snapshot, selected.engine).with_context(|| format!("{}: no lift", path.display()))?;
         let engine = lifted.with_context(|| format!("{}: its method lifts no colours", path.display()))?;
-        return Ok(LoadedRun { iteration, scene, selected: SelectedEngine { engine, ..selected }, field: None });
+        return Ok(LoadedRun { iteration, scene, selected: SelectedEngine { engine, ..selected }, implicit: None });
     }
     selected.engine.load(&scene.splats, None).context("cannot load the scene")?;
-    Ok(LoadedRun { iteration, scene, selected, field: None })
+    Ok(LoadedRun { iteration, scene, selected, implicit: None })
 }
 
 /// Returns the camera response that belongs to a run's scene of `iteration` steps: that of its
-/// field, or from the evaluation of that step, or from its checkpoint, which only an interrupted
-/// run has. `None` for a run on radiance.
+/// field or anchors, or from the evaluation of that step, or from its checkpoint, which only an
+/// interrupted run has. `None` for a run on radiance.
 ///
 /// # Errors
 /// A run of splats on captured LDR images that has neither.
-pub fn response(folder: &RunFolder, config: &RunConfig, iteration: u32, field: Option<&LoadedField>) -> Result<Option<Knots>> {
-    if let Some(field) = field {
-        return Ok(field.response);
+pub fn response(folder: &RunFolder, config: &RunConfig, iteration: u32, implicit: Option<&LoadedImplicit>) -> Result<Option<Knots>> {
+    if let Some(implicit) = implicit {
+        return Ok(implicit.response);
     }
     if config.load.supervision != Supervision::Ldr {
         return Ok(None);

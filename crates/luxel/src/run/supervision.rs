@@ -51,7 +51,7 @@ impl RunConfig {
 fn supervision_of(method: Method) -> Option<Supervision> {
     match method {
         _ if method.trains_on_pairs() => Some(Supervision::Both),
-        Method::GaussHdr | Method::HdrNerfGrid => Some(Supervision::Ldr),
+        Method::GaussHdr | Method::GaussHdrAnchors | Method::HdrNerfGrid => Some(Supervision::Ldr),
         _ => None,
     }
 }

@@ -115,7 +115,7 @@ pub(super) fn measure(
     Ok(failures)
 }
 
-/// Opens what renders splats, or the processor, which renders fields and lifted colours.
+/// Opens what renders splats, or the processor, which renders fields, anchors and lifted colours.
 fn engine_of(on_cpu: bool, device: &DeviceOptions) -> Result<SelectedEngine> {
     if on_cpu { SelectedEngine::open(&DeviceOptions { device: Device::Cpu, ..device.clone() }) } else { SelectedEngine::open(device) }
 }
@@ -168,7 +168,7 @@ impl MeasureOptions {
 
     fn measure(&self, cell: &Cell, dataset: &Dataset, selected: SelectedEngine, observer: &dyn Observer) -> Result<Measured> {
         let iterations = cell.config.train.iterations;
-        let LoadedRun { iteration: found, scene, selected, field } = state::load_newest(&cell.folder, &cell.config, selected, observer)?;
+        let LoadedRun { iteration: found, scene, selected, implicit } = state::load_newest(&cell.folder, &cell.config, selected, observer)?;
         if found != iterations {
             bail!(
                 "{}: its newest readable scene is of step {found}, expected {iterations}; delete the folder to train it anew",
@@ -194,7 +194,7 @@ impl MeasureOptions {
                 peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
                 flip: self.flip,
                 lpips: self.lpips.as_ref().map(|(lpips, _)| lpips),
-                response: state::response(&cell.folder, &cell.config, iterations, field.as_ref())?,
+                response: state::response(&cell.folder, &cell.config, iterations, implicit.as_ref())?,
                 // Test views have none.
                 log_gains: BTreeMap::new(),
                 progress: None,
@@ -208,7 +208,7 @@ impl MeasureOptions {
             }
         }
         let size_px = dataset.test.first().map_or([0; 2], |view| view.camera.size_px);
-        let splats = scene.splats.len();
+        let splats = engine.len();
         Ok(Measured {
             iterations,
             splats,

@@ -3,12 +3,13 @@
 //! In: `nerf-grid`, `hdr-nerf-grid` and `mono-hdr-nerf-grid`, radiance fields, with `-linear`
 //! behind the first for the loss of linear radiance, and sizes in place of `grid` for a network
 //! without a grid, `nerf-8x256`; `hdr-gs` and `mono-hdr-gs`, which train on captured images beside
-//! radiance, `gausshdr` on those alone; `sh0`
-//! to `sh5`; `logsh3`; `lcd` with parts behind it in any order: `-exp` or `-relu` for the
-//! activation (softplus without), `-lN` for the degree to which luminance varies with the view (0
-//! without), `-cN` for the degree of chromaticity (3 without). Out: the method, which has one name
-//! ([`StudyMethod::name`]), and options of training. A name determines the whole method: `lcd` is
-//! the paper's whatever the defaults of training are.
+//! radiance, `gausshdr` on those alone; `lcd-anchors` and
+//! `gausshdr-anchors`, whose splats anchors decode; `sh0` to `sh5`; `logsh3`; `lcd` with parts
+//! behind it in any order: `-exp` or `-relu` for the activation (softplus without), `-lN` for the
+//! degree to which luminance varies with the view (0 without), `-cN` for the degree of chromaticity
+//! (3 without). Out: the method, which has one name ([`StudyMethod::name`]), and options of
+//! training. A name determines the whole method: `lcd` is the paper's whatever the defaults of
+//! training are.
 
 use luxel_core::{Activation, ColorModel};
 use luxel_train::{FieldLoss, FieldNetworkChoice, Method, NamedChoice, TrainConfig};
@@ -24,7 +25,8 @@ const CHROMA_DEGREE: u8 = 3;
 pub enum StudyMethod {
     /// Splats of this colour model.
     Splats(ColorModel),
-    /// Splats that are trained by steps of their method's own, on captured images.
+    /// Splats that are trained by steps of their method's own, on captured images, or that anchors
+    /// decode.
     OwnSteps(Method),
     /// A radiance field.
     Field {
@@ -53,12 +55,12 @@ impl StudyMethod {
         }
     }
 
-    /// Returns the colour model of splats.
+    /// Returns the colour model of stored splats.
     pub fn color_model(self) -> Option<ColorModel> {
         match self {
             Self::Splats(model) => Some(model),
-            Self::OwnSteps(method) => Some(TrainConfig { method, ..TrainConfig::default() }.color_model()),
-            Self::Field { .. } => None,
+            Self::OwnSteps(method) if method.stores_splats() => Some(TrainConfig { method, ..TrainConfig::default() }.color_model()),
+            Self::OwnSteps(_) | Self::Field { .. } => None,
         }
     }
 }
@@ -82,7 +84,7 @@ pub fn parse_method(text: &str) -> Result<StudyMethod, String> {
     if let Some(field) = field(text) {
         return Ok(field);
     }
-    if let Some(method) = Method::from_name(text).filter(|method| method.has_own_steps()) {
+    if let Some(method) = Method::from_name(text).filter(|method| method.has_own_steps() || method.has_anchors()) {
         return Ok(StudyMethod::OwnSteps(method));
     }
     let degree = || text.strip_prefix("sh").filter(|degree| degree.len() == 1)?.parse().ok();
@@ -93,7 +95,7 @@ pub fn parse_method(text: &str) -> Result<StudyMethod, String> {
     };
     model.filter(|model| model.is_valid()).map(StudyMethod::Splats).ok_or_else(|| {
         format!(
-            "unknown method \"{text}\", expected table1, table2, nerf-grid, nerf-grid-linear, hdr-nerf-grid, mono-hdr-nerf-grid, nerf-8x256, hdr-gs, mono-hdr-gs, gausshdr, sh0 to sh5, logsh3, or lcd with -exp or -relu, -l0 to -l3, -c0 to -c5 after it: lcd-exp, lcd-c2-l1"
+            "unknown method \"{text}\", expected table1, table2, nerf-grid, nerf-grid-linear, hdr-nerf-grid, mono-hdr-nerf-grid, nerf-8x256, hdr-gs, mono-hdr-gs, gausshdr, lcd-anchors, gausshdr-anchors, sh0 to sh5, logsh3, or lcd with -exp or -relu, -l0 to -l3, -c0 to -c5 after it: lcd-exp, lcd-c2-l1"
         )
     })
 }
@@ -179,6 +181,8 @@ pub(super) fn description(method: StudyMethod) -> String {
     let model = match method {
         StudyMethod::Splats(model) => model,
         StudyMethod::OwnSteps(Method::GaussHdr) => return "GaussHDR, plain splats".into(),
+        StudyMethod::OwnSteps(Method::LcdAnchors) => return "LCD on anchors".into(),
+        StudyMethod::OwnSteps(Method::GaussHdrAnchors) => return "GaussHDR, anchors".into(),
         StudyMethod::OwnSteps(Method::MonoHdrGs) => return "Mono-HDR-GS".into(),
         StudyMethod::OwnSteps(_) => return "HDR-GS".into(),
         StudyMethod::Field { method, loss, network } => {
@@ -251,7 +255,13 @@ mod tests {
 
     #[test]
     fn methods_with_steps_of_their_own_are_methods_too() {
-        for (name, expected) in [("hdr-gs", Method::HdrGs), ("mono-hdr-gs", Method::MonoHdrGs), ("gausshdr", Method::GaussHdr)] {
+        for (name, expected) in [
+            ("hdr-gs", Method::HdrGs),
+            ("mono-hdr-gs", Method::MonoHdrGs),
+            ("gausshdr", Method::GaussHdr),
+            ("lcd-anchors", Method::LcdAnchors),
+            ("gausshdr-anchors", Method::GaussHdrAnchors),
+        ] {
             let method = parse_method(name).unwrap();
             assert_eq!((method, method.name().as_str()), (StudyMethod::OwnSteps(expected), name));
             let config = with_method(&TrainConfig { luminance_degree: Some(1), ..TrainConfig::default() }, method);

@@ -117,6 +117,11 @@ choices! {
         /// GaussHDR (Liu et al. 2025) on plain splats: log harmonics and context features, which
         /// global and local tone networks map to the captured images that alone are trained on
         GaussHdr: "gausshdr",
+        /// Anchors, whose splats networks decode for each view (Scaffold-GS, Lu et al. 2024), of
+        /// luminance and chromaticity
+        LcdAnchors: "lcd-anchors",
+        /// GaussHDR as published, on anchors
+        GaussHdrAnchors: "gausshdr-anchors",
         /// No splats: a radiance field on a hash grid, of softplus radiance (NeRF)
         NerfGrid: "nerf-grid",
         /// No splats: a field of log radiance and a tone mapper, trained on captured images of
@@ -248,6 +253,21 @@ impl Method {
         matches!(self, Self::HdrGs | Self::MonoHdrGs | Self::GaussHdr)
     }
 
+    /// Returns whether the method trains anchors, whose splats are decoded for each view.
+    pub fn has_anchors(self) -> bool {
+        matches!(self, Self::LcdAnchors | Self::GaussHdrAnchors)
+    }
+
+    /// Returns whether the scene that the method trains is one of splats.
+    pub fn stores_splats(self) -> bool {
+        !self.is_field() && !self.has_anchors()
+    }
+
+    /// Returns whether splats have networks of the method's own, for captured images.
+    pub fn has_own_networks(self) -> bool {
+        self.has_own_steps() || self == Self::GaussHdrAnchors
+    }
+
     /// Returns whether splats hold captured values, whose colours the method lifts to radiance.
     pub fn lifts_colors(self) -> bool {
         self == Self::MonoHdrGs
@@ -255,7 +275,7 @@ impl Method {
 
     /// Returns whether its own scene is rendered on the CPU alone.
     pub fn renders_on_cpu(self) -> bool {
-        self.is_field() || self.lifts_colors()
+        !self.stores_splats() || self.lifts_colors()
     }
 
     /// Returns whether the captured images that it sees must all have one exposure.

@@ -107,10 +107,10 @@ options! {
         dropout: f32 = 0.2, "FRACTION", Range::ShareBelowOne;
     }
     "Colour model" {
-        /// Colour model of splats, or a radiance field in place of splats
+        /// Colour model of splats, or anchors or a radiance field in place of splats
         method: Method = Method::Lcd, "METHOD", Range::Any;
         /// Map from the raw luminance to luminance
-        activation: Option<Activation> = None, "ACTIVATION", Range::Any, unset: "softplus", needs: [Lcd];
+        activation: Option<Activation> = None, "ACTIVATION", Range::Any, unset: "softplus", needs: [LcdColors];
         /// Degree of the chromaticity's spherical harmonics
         chroma_degree: Option<u8> = None, "DEGREE", Range::UpTo(5), unset: "3", needs: [Lcd];
         /// Degree of the luminance's spherical harmonics; above 0, brightness varies with the view
@@ -156,7 +156,8 @@ options! {
         lift_lr: f32 = 5e-4, "RATE", Range::Positive, needs: [MonoHdrGs];
         /// Number of hidden units of the tone mapping networks
         tone_width: u32 = 128, "N", Range::Limits { min: 1, max: 1024 }, needs: [HdrGs];
-        /// Learning rate of the tone mapping networks; with gausshdr it falls to a tenth of this
+        /// Learning rate of the tone mapping networks; with gausshdr and gausshdr-anchors it falls
+        /// to a tenth of this
         tone_lr: f32 = 5e-4, "RATE", Range::Positive, needs: [ToneNetworks];
         /// Learning rate of the context features of splats
         feature_lr: f32 = 7.5e-3, "RATE", Range::Positive, needs: [GaussHdr];

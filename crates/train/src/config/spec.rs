@@ -119,6 +119,8 @@ impl OptionSpec {
 pub enum Condition {
     /// The colour model is LCD.
     Lcd,
+    /// The colour model of splats, stored or decoded, is LCD.
+    LcdColors,
     /// A radiance field is trained.
     Field,
     /// A radiance field is trained on radiance.
@@ -153,8 +155,9 @@ pub enum Condition {
 
 impl Condition {
     /// All conditions.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::Lcd,
+        Self::LcdColors,
         Self::Field,
         Self::NerfGrid,
         Self::Adc,
@@ -176,6 +179,7 @@ impl Condition {
     pub fn option(self) -> &'static str {
         match self {
             Self::Lcd
+            | Self::LcdColors
             | Self::Field
             | Self::NerfGrid
             | Self::Pairs
@@ -196,8 +200,9 @@ impl Condition {
     pub fn value(self) -> &'static str {
         match self {
             Self::Lcd => "lcd",
+            Self::LcdColors => "lcd or lcd-anchors",
             Self::Pairs => "hdr-gs, mono-hdr-gs or mono-hdr-nerf-grid",
-            Self::ToneNetworks => "hdr-gs or gausshdr",
+            Self::ToneNetworks => "hdr-gs, gausshdr or gausshdr-anchors",
             Self::HdrGs => "hdr-gs",
             Self::MonoHdrGs => "mono-hdr-gs",
             Self::GaussHdr => "gausshdr",
@@ -216,8 +221,9 @@ impl Condition {
     pub fn is_met(self, config: &TrainConfig) -> Option<bool> {
         match self {
             Self::Lcd => Some(config.method == Method::Lcd),
+            Self::LcdColors => Some(matches!(config.method, Method::Lcd | Method::LcdAnchors)),
             Self::Pairs => Some(config.method.trains_on_pairs()),
-            Self::ToneNetworks => Some(matches!(config.method, Method::HdrGs | Method::GaussHdr)),
+            Self::ToneNetworks => Some(matches!(config.method, Method::HdrGs | Method::GaussHdr | Method::GaussHdrAnchors)),
             Self::HdrGs => Some(config.method == Method::HdrGs),
             Self::MonoHdrGs => Some(config.method == Method::MonoHdrGs),
             Self::GaussHdr => Some(config.method == Method::GaussHdr),

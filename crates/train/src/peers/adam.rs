@@ -25,6 +25,16 @@ impl Adam {
         Self { first: vec![0.0; count], second: vec![0.0; count], updates: 0 }
     }
 
+    /// Returns moments read from a file, after so many updates.
+    pub(crate) fn from_moments(first: Vec<f32>, second: Vec<f32>, updates: u32) -> Self {
+        Self { first, second, updates }
+    }
+
+    /// Returns the first and the second moments.
+    pub(crate) fn moments(&self) -> [&[f32]; 2] {
+        [&self.first, &self.second]
+    }
+
     /// Updates the numbers.
     pub(crate) fn step<G: Copy + Into<f64>>(&mut self, numbers: &mut [f32], gradient: &[G], rate: f64) {
         self.updates = self.updates.saturating_add(1);

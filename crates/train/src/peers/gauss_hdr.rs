@@ -22,8 +22,7 @@ use rayon::prelude::*;
 use super::blocks::{CHUNK, from_planes, to_planes};
 use super::functions::{Elementwise, LANES, LnAbove, ln, map_all};
 use super::gauss_loss::{GaussImages, compare_images};
-use super::gauss_networks::GaussNetworks;
-use super::gauss_tone::{FEATURES, Items, OUTPUTS, Values, local_value};
+use super::gauss_tone::{FEATURES, GaussTone, Items, OUTPUTS, Values, local_value};
 
 /// Exposure that is added before the logarithm of a pixel's.
 const BLACK: f32 = 1e-5;
@@ -52,7 +51,9 @@ pub(crate) struct GaussTarget<'a> {
 /// A step.
 pub(crate) struct GaussStep<'a> {
     target: GaussTarget<'a>,
-    networks: &'a GaussNetworks,
+    tone: &'a GaussTone,
+    /// Context features of the splats, `[N, 4]`.
+    features: &'a [f32],
     /// Number of each block of splats among those that are shown, or [`HIDDEN`].
     slots: Vec<u32>,
     /// The splats of the blocks that are shown.
@@ -84,8 +85,8 @@ impl Elementwise for LnExposure {
 }
 
 impl<'a> GaussStep<'a> {
-    pub(crate) fn new(target: GaussTarget<'a>, networks: &'a GaussNetworks) -> Self {
-        Self { target, networks, slots: Vec::new(), items: Vec::new(), values: Vec::new(), gradients: GaussGradients::default() }
+    pub(crate) fn new(target: GaussTarget<'a>, tone: &'a GaussTone, features: &'a [f32]) -> Self {
+        Self { target, tone, features, slots: Vec::new(), items: Vec::new(), values: Vec::new(), gradients: GaussGradients::default() }
     }
 
     /// Returns the gradients, after the step.
@@ -108,7 +109,7 @@ impl<'a> GaussStep<'a> {
                 shown.push(block);
             }
         }
-        let (log_exposure, features) = (self.target.exposure.ln(), self.networks.features());
+        let (log_exposure, features) = (self.target.exposure.ln(), self.features);
         self.items = vec![[[0.0; LANES]; 3 + FEATURES]; shown.len()];
         self.items.par_iter_mut().zip(&shown).with_min_len(CHUNK).for_each(|(item, block)| {
             let first = *block as usize * LANES;
@@ -130,7 +131,7 @@ impl ChannelSource for GaussStep<'_> {
 
     fn fill(&mut self, splats: &SeenSplats<'_>, out: &mut [f32]) {
         self.collect_items(splats);
-        self.values = self.networks.tone.apply(&self.items);
+        self.values = self.tone.apply(&self.items);
         let blocks = out.par_chunks_mut(LANES * CHANNELS).zip(splats.radiance.par_chunks(LANES)).zip(&self.slots);
         blocks.with_min_len(CHUNK).filter(|(_, slot)| **slot != HIDDEN).for_each(|((out, radiance), slot)| {
             let (item, values) = (&self.items[*slot as usize], &self.values[*slot as usize]);
@@ -152,7 +153,7 @@ impl ChannelStep for GaussStep<'_> {
     }
 
     fn compare(&mut self, image: &[f32], gradient: &mut [f32]) -> ChannelLoss {
-        let (tone, exposure) = (&self.networks.tone, self.target.exposure);
+        let (tone, exposure) = (self.tone, self.target.exposure);
         let len = image.len() / CHANNELS;
         // ln exposure and feature of the pixels, which follow one another.
         let mut inputs = image[RADIANCE * len..UNCERTAINTY * len].to_vec();
@@ -202,7 +203,7 @@ impl ChannelStep for GaussStep<'_> {
                 }
             }
         });
-        let found = self.networks.tone.backward(&self.items, &self.values, &by_values);
+        let found = self.tone.backward(&self.items, &self.values, &by_values);
         self.gradients.by_numbers.iter_mut().zip(found.by_numbers).for_each(|(sum, part)| *sum += part);
 
         self.gradients.by_features = vec![0.0; out.len() * FEATURES];
@@ -237,7 +238,7 @@ mod tests {
     use luxel_core::ColorModel;
 
     use super::*;
-    use crate::peers::gauss_networks::GaussRates;
+    use crate::peers::gauss_networks::{GaussNetworks, GaussRates};
     use crate::peers::testing::method_oracles::{GaussOracle, joined};
     use crate::peers::testing::oracle::Point;
     use crate::peers::testing::{GradientScene, check_features, check_shared, check_splats};
@@ -259,7 +260,7 @@ mod tests {
         let scene = GradientScene::new(ColorModel::LogSh { degree: 1 });
         let networks = networks(scene.splats.len());
         let point = Point::new(&scene.splats, joined(networks.tone.numbers()), networks.features());
-        let mut step = GaussStep::new(target(&scene), &networks);
+        let mut step = GaussStep::new(target(&scene), &networks.tone, networks.features());
         let (report, splats) = scene.gradients(&mut step);
         let oracle = GaussOracle { scene: &scene, exposure: 3.0, unit_value: 0.5, fixed: &point };
         let loss = |point: &Point| oracle.loss(point);
@@ -276,7 +277,7 @@ mod tests {
         let mut networks = networks(scene.splats.len());
         let losses: Vec<f32> = (0..61)
             .map(|_| {
-                let mut step = GaussStep::new(target(&scene), &networks);
+                let mut step = GaussStep::new(target(&scene), &networks.tone, networks.features());
                 let loss = scene.gradients(&mut step).0.loss;
                 let found = step.gradients();
                 networks.update(&found.by_numbers, &found.by_features, GaussRates { tone: 2e-3, features: 1e-2 });

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::adam::Adam;
 use super::functions::LANES;
 use super::gauss_tone::{FEATURES, GaussTone, Items};
-use crate::TrainError;
+use crate::{TrainConfig, TrainError};
 
 /// Exposure that black counts as in the response.
 const DARKEST: f64 = 1e-5;
@@ -30,6 +30,16 @@ pub(crate) struct GaussNetworks {
 pub(crate) struct GaussRates {
     pub(crate) tone: f64,
     pub(crate) features: f64,
+}
+
+/// Part of their first rate that tone networks have at the end; in between it falls evenly in the
+/// logarithm.
+const LAST_TONE_RATE: f64 = 0.1;
+
+/// Returns the rate of the tone networks at a step of a run planned for so many.
+pub(crate) fn tone_rate(config: &TrainConfig, step: u32, planned: u32) -> f64 {
+    let along = f64::from(step) / f64::from(planned.max(1));
+    f64::from(config.tone_lr) * LAST_TONE_RATE.powf(along.min(1.0))
 }
 
 /// A feature of each splat, `[N, 4]`.
@@ -74,8 +84,13 @@ impl GaussNetworks {
         self.features.adam.validate(expected)
     }
 
+    /// Returns the tone networks.
+    pub(crate) fn tone(&self) -> &GaussTone {
+        &self.tone
+    }
+
     /// Returns the features of all splats, `[N, 4]`.
-    pub(super) fn features(&self) -> &[f32] {
+    pub(crate) fn features(&self) -> &[f32] {
         &self.features.values
     }
 
@@ -89,9 +104,11 @@ impl GaussNetworks {
     pub(crate) fn densify(&mut self, rows: &[PlanRow]) {
         self.features.densify(rows);
     }
+}
 
+impl GaussTone {
     /// Returns the values of the global networks as the response of a camera, which never falls.
-    pub(crate) fn response(&self) -> Knots {
+    pub(super) fn response(&self) -> Knots {
         let s = |k: usize| exposure_of_knot(k.min(RESPONSE_KNOTS - 1)).max(DARKEST).ln() as f32;
         let items: Vec<Items> = (0..RESPONSE_KNOTS.div_ceil(LANES))
             .map(|n| {
@@ -99,7 +116,7 @@ impl GaussNetworks {
                 std::array::from_fn(|row| if row < 3 { s } else { [0.0; LANES] })
             })
             .collect();
-        let values = self.tone.apply(&items);
+        let values = self.apply(&items);
         [0, 1, 2].map(|c| {
             let mut highest = 0.0f32;
             std::array::from_fn(|k| {
@@ -136,7 +153,7 @@ mod tests {
 
     #[test]
     fn the_response_rises_through_the_unit_exposure() {
-        let response = GaussNetworks::new(1, 1).response();
+        let response = GaussTone::new(1).response();
         for curve in response {
             assert!(curve.windows(2).all(|pair| pair[1] >= pair[0]) && curve[0] < 0.2 && curve[RESPONSE_KNOTS - 1] > 0.8, "{curve:?}");
         }

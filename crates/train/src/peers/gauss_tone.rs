@@ -48,7 +48,7 @@ pub(super) type Values = Block<OUTPUTS>;
 /// The networks, with the state of their optimisers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct GaussTone {
+pub(crate) struct GaussTone {
     global: [Global; 3],
     local: [Local; 3],
     uncertainty: Local,
@@ -258,7 +258,7 @@ impl GaussTone {
     }
 
     /// Updates the networks.
-    pub(super) fn update(&mut self, by_numbers: &[f64], rate: f64) {
+    pub(crate) fn update(&mut self, by_numbers: &[f64], rate: f64) {
         let Self { global, local, uncertainty, adam } = self;
         let numbers = global.iter_mut().map(Global::numbers_mut).chain(local.iter_mut().map(Local::numbers_mut));
         let mut rest = by_numbers;

@@ -30,18 +30,20 @@ mod radiance_loss;
 mod relu_line;
 mod soft_network;
 #[cfg(test)]
-mod testing;
+pub(crate) mod testing;
 mod tone_mappers;
 
 use luxel_core::engine::PlanRow;
 use luxel_core::{Dataset, Knots};
 use serde::{Deserialize, Serialize};
 
+pub(crate) use self::adam::Adam;
 pub(crate) use self::check::check_options;
 pub(crate) use self::fold::folded;
 pub(crate) use self::gauss_hdr::{GaussStep, GaussTarget};
 use self::gauss_networks::GaussNetworks;
-pub(crate) use self::gauss_networks::GaussRates;
+pub(crate) use self::gauss_networks::{GaussRates, tone_rate};
+use self::gauss_tone::GaussTone;
 pub(crate) use self::lifted_engine::{LiftedEngine, SharedLift};
 use self::mono_hdr_gs::MonoNetworks;
 pub use self::pair::one_exposure;
@@ -59,6 +61,8 @@ pub(crate) enum SharedNetworks {
     HdrGs(ToneMappers),
     MonoHdrGs(MonoNetworks),
     GaussHdr(Box<GaussNetworks>),
+    /// Tone networks alone: anchors have features of their own.
+    GaussHdrAnchors(Box<GaussTone>),
 }
 
 impl SharedNetworks {
@@ -67,6 +71,7 @@ impl SharedNetworks {
         let exposures = || dataset.train.iter().flat_map(|view| &view.recordings).filter_map(exposure_of);
         match config.method {
             Method::GaussHdr => Some(Self::GaussHdr(Box::new(GaussNetworks::new(splats, config.seed)))),
+            Method::GaussHdrAnchors => Some(Self::GaussHdrAnchors(Box::new(GaussTone::new(config.seed)))),
             Method::MonoHdrGs => Some(Self::MonoHdrGs(MonoNetworks::new(config))),
             Method::HdrGs => Some(Self::HdrGs(ToneMappers::new(config.tone_width, exposures(), config.seed))),
             _ => None,
@@ -79,7 +84,8 @@ impl SharedNetworks {
             (Some(Self::HdrGs(mappers)), Method::HdrGs) => mappers.validate(config.tone_width),
             (Some(Self::MonoHdrGs(networks)), Method::MonoHdrGs) => networks.validate(config.lift_width),
             (Some(Self::GaussHdr(networks)), Method::GaussHdr) => networks.validate(splats),
-            (None, method) if !method.has_own_steps() => Ok(()),
+            (Some(Self::GaussHdrAnchors(tone)), Method::GaussHdrAnchors) => tone.validate(),
+            (None, method) if !method.has_own_networks() => Ok(()),
             _ => Err(TrainError::State("the method's networks are missing, or are those of another method".to_owned())),
         }
     }
@@ -88,14 +94,15 @@ impl SharedNetworks {
     pub(crate) fn tone_mappers(&self, radiance_unit: f32) -> Option<ToneMapperRecord> {
         match self {
             Self::HdrGs(mappers) => Some(mappers.record(radiance_unit)),
-            Self::MonoHdrGs(_) | Self::GaussHdr(_) => None,
+            Self::MonoHdrGs(_) | Self::GaussHdr(_) | Self::GaussHdrAnchors(_) => None,
         }
     }
 
     /// Returns the response of the camera that the networks make up, if they see radiance alone.
     pub(crate) fn response(&self) -> Option<Knots> {
         match self {
-            Self::GaussHdr(networks) => Some(networks.response()),
+            Self::GaussHdr(networks) => Some(networks.tone.response()),
+            Self::GaussHdrAnchors(tone) => Some(tone.response()),
             Self::HdrGs(_) | Self::MonoHdrGs(_) => None,
         }
     }
@@ -110,7 +117,7 @@ impl SharedNetworks {
     /// Returns the lift from captured values to radiance, if the method has one.
     pub(crate) fn shared_lift(&self) -> Option<SharedLift> {
         match self {
-            Self::HdrGs(_) | Self::GaussHdr(_) => None,
+            Self::HdrGs(_) | Self::GaussHdr(_) | Self::GaussHdrAnchors(_) => None,
             Self::MonoHdrGs(networks) => Some(SharedLift::new(networks.lift.tables())),
         }
     }

@@ -26,11 +26,11 @@ use crate::vignetting::Lenses;
 
 /// A slot of a step, and the view in it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct SlotView {
-    pub(super) step: u32,
-    pub(super) slot: usize,
+pub(crate) struct SlotView {
+    pub(crate) step: u32,
+    pub(crate) slot: usize,
     /// Index of the training view.
-    pub(super) index: usize,
+    pub(crate) index: usize,
 }
 
 /// Returns the factor of learning rates, and the betas, for steps of `config.batch` views.
@@ -235,7 +235,7 @@ impl Trainer {
 }
 
 /// Returns the view of a slot as its step sees it.
-pub(super) fn view_of<'a>(
+pub(crate) fn view_of<'a>(
     views: &'a mut crate::views::TrainingViews,
     state: &State,
     lenses: Option<&Lenses>,

@@ -9,12 +9,8 @@ use luxel_core::engine::StepConfig;
 use super::Trainer;
 use super::batch::{SlotView, view_of};
 use crate::camera_response::exposure_of;
-use crate::peers::{GaussRates, GaussStep, GaussTarget, SharedNetworks};
+use crate::peers::{GaussRates, GaussStep, GaussTarget, SharedNetworks, tone_rate};
 use crate::{NamedChoice, TrainError};
-
-/// Part of their first rate that tone networks have at the end; in between it falls evenly in the
-/// logarithm.
-const LAST_TONE_RATE: f64 = 0.1;
 
 impl Trainer {
     /// Trains on a captured image.
@@ -28,15 +24,14 @@ impl Trainer {
         let Some(SharedNetworks::GaussHdr(networks)) = &mut state.networks else { return Err(no_image("has no tone networks")) };
         let exposure = state.radiance_scale.restored_value(exposure_s);
         let target = GaussTarget { view, exposure, unit_value: state.config.unit_exposure, loss: step.loss };
-        let mut channels = GaussStep::new(target, networks);
+        let mut channels = GaussStep::new(target, networks.tone(), networks.features());
         let report = engine.train_channels(&view.camera, &mut channels, step)?;
         if !report.loss.is_finite() {
             return Err(TrainError::NotFinite { step: of.step, view: view.name.clone() });
         }
         let found = channels.gradients();
-        let along = f64::from(of.step) / f64::from(state.planned_iterations.max(1));
-        let tone_rate = f64::from(state.config.tone_lr) * LAST_TONE_RATE.powf(along.min(1.0));
-        let rates = GaussRates { tone: tone_rate, features: state.config.feature_lr.into() };
+        let tone = tone_rate(&state.config, of.step, state.planned_iterations);
+        let rates = GaussRates { tone, features: state.config.feature_lr.into() };
         networks.update(&found.by_numbers, &found.by_features, rates);
         Ok(report)
     }

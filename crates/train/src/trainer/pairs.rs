@@ -42,7 +42,7 @@ impl Trainer {
                 lift.iter().for_each(|lift| lift.set(networks.lift.tables()));
                 Ok(report)
             }
-            Some(SharedNetworks::GaussHdr(_)) | None => Err(no_pair(view.name.clone())),
+            Some(SharedNetworks::GaussHdr(_) | SharedNetworks::GaussHdrAnchors(_)) | None => Err(no_pair(view.name.clone())),
         }
     }
 

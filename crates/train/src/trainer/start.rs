@@ -171,14 +171,16 @@ impl Trainer {
 
 /// Refuses methods that train no splats.
 fn check_method(config: &TrainConfig) -> Result<(), TrainError> {
-    match config.method.is_field() {
-        true => Err(TrainError::config("method", format!("{} trains a radiance field, not splats", config.method.name()))),
-        false => Ok(()),
-    }
+    let found = match config.method {
+        method if method.is_field() => "a radiance field",
+        method if method.has_anchors() => "anchors",
+        _ => return Ok(()),
+    };
+    Err(TrainError::config("method", format!("{} trains {found}, not splats", config.method.name())))
 }
 
 /// Checks the properties of views that every step relies on.
-fn check_views(dataset: &Dataset) -> Result<(), TrainError> {
+pub(crate) fn check_views(dataset: &Dataset) -> Result<(), TrainError> {
     if dataset.train.is_empty() {
         return Err(TrainError::NoTrainViews);
     }
@@ -249,7 +251,7 @@ fn check_focal(dataset: &Dataset, config: &TrainConfig) -> Result<(), TrainError
 ///
 /// Cameras around a scene are about as far apart as they are from it. For cameras side by side,
 /// their spread underestimates the scene, and pruning by it would remove the walls.
-fn scene_extent(train: &[View], positions: &[[f32; 3]]) -> f32 {
+pub(crate) fn scene_extent(train: &[View], positions: &[[f32; 3]]) -> f32 {
     let centroid = train.iter().map(|view| view.camera.eye()).sum::<glam::DVec3>() / train.len().max(1) as f64;
     let radius = train.iter().map(|view| (view.camera.eye() - centroid).length()).fold(0.0, f64::max);
     let mut distances: Vec<f64> =

@@ -147,8 +147,9 @@ pub(super) fn save(args: &BenchArgs, path: &Path) -> Result<()> {
 /// Returns the splats in the colour model asked for.
 fn in_method(splats: Splats, method: Option<Method>, name: &str) -> Result<Splats> {
     let Some(method) = method else { return Ok(splats) };
-    if method.is_field() {
-        bail!("--method {}: the workload is splats, and a radiance field has none", method.name());
+    if !method.stores_splats() {
+        let found = if method.has_anchors() { "anchors decode theirs" } else { "a radiance field has none" };
+        bail!("--method {}: the workload is splats, and {found}", method.name());
     }
     if method.has_own_steps() {
         bail!(

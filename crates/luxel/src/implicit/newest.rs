@@ -1,21 +1,23 @@
-//! The newest readable state of a run of a field: checkpoints to resume from, fields to render.
+//! The newest readable state of a run: checkpoints to resume from, fields and anchors to render.
 
 use std::path::PathBuf;
 
-use super::files::{self, FieldCheckpoint, FieldScene};
+use super::files;
+use super::scene::ImplicitScene;
+use super::trainer::Checkpoint;
 use crate::error::Context;
-use crate::run::RunFolder;
 use crate::run::state::{continue_run, start_anew};
+use crate::run::{ImplicitKind, RunFolder};
 use crate::{Error, Observer, Result};
 
 /// Returns the newest checkpoint that can be read, to continue from; `None` if the run ended before
 /// its first. Damaged newer ones are reported and renamed: they must not count as the newest when
 /// old ones are deleted.
-pub(super) fn take_checkpoint(folder: &RunFolder, observer: &dyn Observer) -> Result<Option<(PathBuf, FieldCheckpoint)>> {
+pub(super) fn take_checkpoint(folder: &RunFolder, observer: &dyn Observer) -> Result<Option<(PathBuf, Checkpoint)>> {
     let mut damaged = Vec::new();
     let mut found = None;
     for file in luxel_io::list_checkpoints(folder.root())? {
-        match files::read_checkpoint(&file.path) {
+        match Checkpoint::read(&file.path) {
             Ok(checkpoint) => {
                 found = Some((file.path, checkpoint));
                 break;
@@ -39,16 +41,18 @@ pub(super) fn take_checkpoint(folder: &RunFolder, observer: &dyn Observer) -> Re
     Ok(found)
 }
 
-/// Returns a run's newest field that can be read, with its step: from `field/`, or from a newer
-/// checkpoint.
+/// Returns a run's newest field or anchors that can be read, with their step: from `field/` or
+/// `anchors/`, or from a newer checkpoint.
 ///
 /// # Errors
-/// A run without a readable field.
-pub fn newest_field(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32, FieldScene)> {
-    let fields = folder.field_iterations().into_iter().map(|n| (u64::from(n), folder.field(n)));
+/// A run without a readable state.
+pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32, ImplicitScene)> {
+    let scenes = ImplicitKind::ALL
+        .into_iter()
+        .flat_map(|kind| folder.implicit_iterations(kind).into_iter().map(move |n| (u64::from(n), folder.implicit(kind, n))));
     let states = luxel_io::list_checkpoints(folder.root())?.into_iter().map(|file| (file.iteration, file.path));
-    let mut candidates: Vec<(u64, PathBuf)> = fields.chain(states).collect();
-    // Newest first; of the same step the field, which is smaller, stays first.
+    let mut candidates: Vec<(u64, PathBuf)> = scenes.chain(states).collect();
+    // Newest first; of the same step the scene, which is smaller, stays first.
     candidates.sort_by_key(|(iteration, _)| std::cmp::Reverse(*iteration));
     for (iteration, path) in candidates {
         match files::read(&path) {
@@ -56,5 +60,5 @@ pub fn newest_field(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32,
             Err(error) => observer.warn(&format!("skipping a damaged file: {error:#}")),
         }
     }
-    Err(Error::new(format!("{}: the run has no readable field yet", folder.root().display())).with_remedy(continue_run()))
+    Err(Error::new(format!("{}: the run has no readable state yet", folder.root().display())).with_remedy(continue_run()))
 }

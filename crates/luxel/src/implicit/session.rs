@@ -1,14 +1,14 @@
-//! The loop of a run of a field, from its first (or next) step to its report: steps, log,
-//! checkpoints and evaluations, in the order and at the steps of any run ([`crate::run::Session`]).
+//! The loop of a run without stored splats, from its first (or next) step to its report: steps,
+//! log, checkpoints and evaluations, in the order and at the steps of any run
+//! ([`crate::run::Session`]).
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
-use luxel_core::{Dataset, RenderOptions, Scene};
-use luxel_field::{FieldEngine, FieldTrainer};
+use luxel_core::{Dataset, Engine, RenderOptions, Scene};
 use luxel_metrics::{FieldOptions, FlipChoice, GainFit};
 
-use super::files::{self, TrainingRecord};
+use super::files;
+use super::trainer::{StepLoss, Trainer};
 use crate::error::{Context, bail};
 use crate::run::checkpoints::save_checkpoint;
 use crate::run::clock::Clock;
@@ -16,19 +16,17 @@ use crate::run::evaluation::{Metrics, Rendering};
 use crate::run::log::{LOG_EVERY, LogRecord, RunLog};
 use crate::run::test_curve::TestCurve;
 use crate::run::{Captures, Launch, Outcome, RunConfig, RunFolder, report};
-use crate::{Error, Event, Result, build_info, files as text_files, memory, schema, text};
+use crate::{Device, DeviceOptions, Error, Event, Result, SelectedEngine, build_info, files as text_files, memory, schema, text};
 
-/// A run of a field in progress.
-pub(super) struct FieldSession<'a> {
+/// A run in progress.
+pub(super) struct ImplicitSession<'a> {
     pub(super) dataset: &'a Dataset,
     pub(super) config: &'a RunConfig,
     pub(super) launch: Launch<'a>,
     pub(super) threads: usize,
-    /// Place where the field is computed.
+    /// Place where it is computed.
     pub(super) computed_by: String,
-    pub(super) trainer: FieldTrainer,
-    /// Units and place of the field.
-    pub(super) place: Scene,
+    pub(super) trainer: Trainer,
 }
 
 /// The state of the loop besides the trainer.
@@ -40,10 +38,10 @@ struct LoopState {
     psnr_test_sample: Option<f64>,
     steps: u32,
     seconds: f64,
-    loss: f64,
+    loss: StepLoss,
 }
 
-impl FieldSession<'_> {
+impl ImplicitSession<'_> {
     /// Trains to the end, or until a stop is requested.
     pub(super) fn run(mut self) -> Result<Outcome> {
         let (start, observer) = (self.iteration(), self.launch.observer);
@@ -59,7 +57,7 @@ impl FieldSession<'_> {
             psnr_test_sample: last.and_then(|record| record.psnr_test_sample),
             steps: 0,
             seconds: 0.0,
-            loss: 0.0,
+            loss: StepLoss::default(),
         };
         let listening = self.launch.stop.listen();
         observer.event(Event::StepsBegin { done: start, total: self.config.train.iterations });
@@ -73,7 +71,7 @@ impl FieldSession<'_> {
     }
 
     fn iteration(&self) -> u32 {
-        self.trainer.state().step
+        self.trainer.iteration()
     }
 
     fn train(&mut self, state: &mut LoopState) -> Result<Outcome> {
@@ -89,10 +87,10 @@ impl FieldSession<'_> {
                 return Ok(Outcome::Interrupted);
             }
             let before = state.clock.seconds();
-            let step = self.trainer.step().with_context(|| format!("training step {}", self.iteration() + 1))?;
+            let loss = self.trainer.step()?;
             state.steps += 1;
             state.seconds += state.clock.seconds() - before;
-            state.loss += f64::from(step.loss);
+            state.loss.add(loss);
             let iteration = self.iteration();
             self.launch.observer.event(Event::Step { done: iteration });
             let save = self.config.run.saves_after(iteration, self.trainer.is_finished());
@@ -144,15 +142,15 @@ impl FieldSession<'_> {
         let (seconds, loss) = (std::mem::take(&mut state.seconds), std::mem::take(&mut state.loss));
         let record = LogRecord {
             iteration,
-            loss: loss / steps,
-            l1: None,
-            ssim: None,
+            loss: loss.total / steps,
+            l1: loss.parts.map(|[l1, _]| l1 / steps),
+            ssim: loss.parts.map(|[_, ssim]| ssim / steps),
             psnr_train,
             psnr_test: state.psnr_test,
             psnr_test_sample: state.psnr_test_sample,
             poses: None,
             vignetting_corner_ev: Vec::new(),
-            splats: 0,
+            splats: self.trainer.splats(),
             visible: 0,
             iterations_per_second: if seconds > 0.0 { steps / seconds } else { 0.0 },
             elapsed_s: state.clock.seconds(),
@@ -170,7 +168,8 @@ impl FieldSession<'_> {
     /// Returns the PSNR of a training view in turn, and the mean of a few test views.
     fn look(&self, schedule: TestCurve) -> Result<(Option<f64>, Option<f64>)> {
         let mut engine = self.engine()?;
-        let mut rendering = self.rendering(&mut engine);
+        let place = self.trainer.place(self.dataset);
+        let mut rendering = self.rendering(&mut *engine, &place);
         let turn = (self.iteration() / LOG_EVERY) as usize % self.dataset.train.len().max(1);
         let train = self.dataset.train.get(turn).map(|view| rendering.probe(view)).transpose()?.flatten();
         let views = schedule.views().filter_map(|i| self.dataset.test.get(i));
@@ -179,21 +178,23 @@ impl FieldSession<'_> {
         Ok((train, (!found.is_empty()).then(|| found.iter().sum::<f64>() / found.len() as f64)))
     }
 
-    fn engine(&self) -> Result<FieldEngine> {
-        FieldEngine::new(self.trainer.field().clone(), self.threads).context("cannot render the field")
+    /// Returns the scene as it is now, in an engine of its own.
+    fn engine(&self) -> Result<Box<dyn Engine>> {
+        let options = DeviceOptions { device: Device::Cpu, threads: u32::try_from(self.threads).ok() };
+        self.trainer.engine(self.dataset, SelectedEngine::open(&options)?)
     }
 
-    fn rendering<'e>(&self, engine: &'e mut FieldEngine) -> Rendering<'e> {
+    fn rendering<'e>(&self, engine: &'e mut dyn Engine, place: &Scene) -> Rendering<'e> {
         Rendering {
             engine,
-            options: RenderOptions { background: self.config.background(self.place.radiance_scale), ..self.place.render_options() },
-            radiance_scale: self.place.radiance_scale,
+            options: RenderOptions { background: self.config.background(place.radiance_scale), ..place.render_options() },
+            radiance_scale: place.radiance_scale,
             mu: self.config.train.mu,
             color_space: self.dataset.color_space,
             peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
             flip: FlipChoice::Skip,
             lpips: None,
-            response: self.trainer.field().response(),
+            response: self.trainer.response(),
             log_gains: BTreeMap::new(),
             progress: None,
         }
@@ -208,19 +209,13 @@ impl FieldSession<'_> {
         if !folder.is_dir() {
             bail!("{}: the folder was removed while the run was at work; it ends at step {iteration}", folder.display());
         }
-        let training = TrainingRecord {
-            config: self.config.train.clone(),
-            fingerprint: self.dataset.fingerprint.clone(),
-            state: *self.trainer.state(),
-        };
-        let snapshot = self.trainer.snapshot();
-        let write = |path: &Path| files::write(path, &self.place, &snapshot, Some(training.clone()));
+        let write = self.trainer.checkpoint(self.dataset, &self.config.train)?;
         let path = save_checkpoint(self.launch.folder, &self.config.run, iteration, write)?;
         self.launch.observer.event(Event::Saved { path });
         Ok(())
     }
 
-    /// Writes field, images, metrics and report of this step, with the clock stopped.
+    /// Writes scene, images, metrics and report of this step, with the clock stopped.
     fn evaluate(&mut self, state: &mut LoopState) -> Result<()> {
         let (seconds, processor) = (state.clock.seconds(), state.clock.processor_seconds());
         let peak = memory::peak_resident_bytes().max(state.peak_before);
@@ -231,12 +226,14 @@ impl FieldSession<'_> {
 
     fn evaluate_at(&self, train_seconds: f64, train_cpu_seconds: Option<f64>, peak_before: Option<u64>) -> Result<Option<f64>> {
         let (iteration, folder, config) = (self.iteration(), self.launch.folder, self.config);
-        let path = folder.field(iteration);
-        files::write(&path, &self.place, &self.trainer.snapshot(), None)?;
+        let path = folder.implicit(self.trainer.kind(), iteration);
+        let scene = self.trainer.scene(self.dataset);
+        files::write(&path, &scene)?;
+        let place = scene.place;
         self.launch.observer.event(Event::Saved { path });
         let images = folder.evaluation(iteration);
         let mut engine = self.engine()?;
-        let mut rendering = self.rendering(&mut engine);
+        let mut rendering = self.rendering(&mut *engine, &place);
         let test = rendering.evaluate(&self.dataset.test, Some(&images), GainFit::None)?;
         let finished = self.trainer.is_finished();
         let train = if finished { rendering.evaluate(&self.dataset.train, None, GainFit::None)? } else { None };
@@ -249,12 +246,12 @@ impl FieldSession<'_> {
         let metrics = Metrics {
             method: config.method_name(),
             iterations: iteration,
-            splats: 0,
-            field_parameters: Some(self.trainer.field().parameter_count()),
+            splats: self.trainer.splats(),
+            field_parameters: self.trainer.field_parameters(),
             train_seconds,
             train_cpu_seconds,
             peak_rss_bytes: peak_before.max(memory::peak_resident_bytes()),
-            radiance_scale: self.place.radiance_scale,
+            radiance_scale: place.radiance_scale,
             mu: config.train.mu,
             seed: config.train.seed,
             threads: self.threads,

@@ -4,26 +4,19 @@
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
-use luxel_core::{ColorModel, ColorSpace, RadianceScale, RasterConfig, Scene, Similarity, Splats};
+use luxel_core::{ColorSpace, RadianceScale, Scene, Similarity};
 use luxel_field::{Field, FieldArrays, FieldShape, FieldSnapshot, FieldState};
 use luxel_io::{Arrays, NamedArray};
 use luxel_train::TrainConfig;
 use serde::{Deserialize, Serialize};
 
+use super::place_of;
+use super::scene::{Content, ImplicitScene};
 use crate::error::Context;
 use crate::{Error, Result};
 
 /// Name of the kind of file.
 pub(super) const FORMAT: &str = "luxel-field";
-
-/// A radiance field, with what is needed to render it in the radiance of its data set.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FieldScene {
-    /// The field, normalised units.
-    pub field: Field,
-    /// Its units and place: a scene without splats.
-    pub place: Scene,
-}
 
 /// A run that can be continued.
 pub(super) struct FieldCheckpoint {
@@ -55,29 +48,38 @@ struct Description {
     training: Option<TrainingRecord>,
 }
 
-/// Returns a scene without splats.
-pub(super) fn place_of(radiance_scale: RadianceScale, color_space: ColorSpace, world_from_local: Similarity, metres: Option<f64>) -> Scene {
-    Scene {
-        splats: Splats::empty(ColorModel::Sh { degree: 0 }),
-        radiance_scale,
-        color_space,
-        raster: RasterConfig::default(),
-        edits: Vec::new(),
-        world_from_local,
-        metres_per_unit: metres,
-    }
+/// Writes a field alone.
+pub(super) fn write(path: &Path, place: &Scene, field: &Field) -> Result<(), luxel_io::IoError> {
+    write_parts(path, place, field.shape(), Parts { arrays: &field.arrays(), training: None })
 }
 
-/// Writes a field; with the state of its training, a checkpoint.
-pub(super) fn write(
+/// Writes a checkpoint.
+pub(super) fn write_checkpoint(
     path: &Path,
     place: &Scene,
     snapshot: &FieldSnapshot,
-    training: Option<TrainingRecord>,
+    training: TrainingRecord,
 ) -> Result<(), luxel_io::IoError> {
-    let is_checkpoint = training.is_some();
+    let FieldSnapshot { shape, arrays, first, second, .. } = snapshot;
+    write_parts(path, place, *shape, Parts { arrays, training: Some((training, [first, second])) })
+}
+
+/// The content of a file.
+struct Parts<'a> {
+    arrays: &'a FieldArrays,
+    /// State and moments.
+    training: Option<(TrainingRecord, [&'a Vec<f32>; 2])>,
+}
+
+fn write_parts(path: &Path, place: &Scene, shape: FieldShape, parts: Parts<'_>) -> Result<(), luxel_io::IoError> {
+    let Parts { arrays: FieldArrays { table, weights, occupancy }, training } = parts;
+    let mut named = vec![("table", table), ("weights", weights), ("occupancy", occupancy)];
+    let training = training.map(|(training, [first, second])| {
+        named.extend([("moments.first", first), ("moments.second", second)]);
+        training
+    });
     let description = Description {
-        shape: snapshot.shape,
+        shape,
         radiance_scale: place.radiance_scale,
         color_space: place.color_space,
         origin: place.world_from_local.translation().to_array(),
@@ -86,29 +88,29 @@ pub(super) fn write(
         training,
     };
     let description = serde_json::to_string(&description).map_err(|e| luxel_io::IoError::invalid(path, e))?;
-    let FieldArrays { table, weights, occupancy } = &snapshot.arrays;
-    let mut named = vec![("table", table), ("weights", weights), ("occupancy", occupancy)];
-    if is_checkpoint {
-        named.extend([("moments.first", &snapshot.first), ("moments.second", &snapshot.second)]);
-    }
     let shapes: Vec<[usize; 1]> = named.iter().map(|(_, values)| [values.len()]).collect();
     let arrays: Vec<NamedArray<'_>> = named.iter().zip(&shapes).map(|((name, values), shape)| NamedArray { name, shape, values }).collect();
     luxel_io::write_arrays(path, FORMAT, &description, &arrays)
 }
 
 /// Reads a field, or that of a checkpoint.
-pub(super) fn read(path: &Path) -> Result<FieldScene> {
+pub(super) fn read(path: &Path) -> Result<ImplicitScene> {
     let (description, mut arrays) = read_parts(path)?;
-    scene(path, &description, &mut arrays)
+    let field = field(path, &description, &mut arrays)?;
+    let world_from_local = Similarity::new(DMat3::IDENTITY, description.unit, DVec3::from_array(description.origin))
+        .with_context(|| format!("{}: a unit of {}, expected a number above 0", path.display(), description.unit))?;
+    let Description { radiance_scale, color_space, metres_per_unit, .. } = description;
+    let place = place_of(radiance_scale, color_space, world_from_local, metres_per_unit);
+    Ok(ImplicitScene { content: Content::Field(Box::new(field)), place })
 }
 
 /// Reads a checkpoint.
 pub(super) fn read_checkpoint(path: &Path) -> Result<FieldCheckpoint> {
     let (mut description, mut arrays) = read_parts(path)?;
-    let scene = scene(path, &description, &mut arrays)?;
+    let field = field(path, &description, &mut arrays)?;
     let training = description.training.take().with_context(|| format!("{}: holds a field without its training", path.display()))?;
     let (first, second) = (take(path, &mut arrays, "moments.first")?, take(path, &mut arrays, "moments.second")?);
-    let snapshot = FieldSnapshot { shape: description.shape, arrays: scene.field.arrays(), first, second, state: training.state };
+    let snapshot = FieldSnapshot { shape: description.shape, arrays: field.arrays(), first, second, state: training.state };
     Ok(FieldCheckpoint { training, snapshot })
 }
 
@@ -119,17 +121,13 @@ fn read_parts(path: &Path) -> Result<(Description, Arrays)> {
     Ok((description, arrays))
 }
 
-fn scene(path: &Path, description: &Description, arrays: &mut Arrays) -> Result<FieldScene> {
+fn field(path: &Path, description: &Description, arrays: &mut Arrays) -> Result<Field> {
     let field = FieldArrays {
         table: take(path, arrays, "table")?,
         weights: take(path, arrays, "weights")?,
         occupancy: take(path, arrays, "occupancy")?,
     };
-    let field = Field::from_arrays(description.shape, field).with_context(|| path.display().to_string())?;
-    let world_from_local = Similarity::new(DMat3::IDENTITY, description.unit, DVec3::from_array(description.origin))
-        .with_context(|| format!("{}: a unit of {}, expected a number above 0", path.display(), description.unit))?;
-    let Description { radiance_scale, color_space, metres_per_unit, .. } = *description;
-    Ok(FieldScene { field, place: place_of(radiance_scale, color_space, world_from_local, metres_per_unit) })
+    Field::from_arrays(description.shape, field).with_context(|| path.display().to_string())
 }
 
 fn take(path: &Path, arrays: &mut Arrays, name: &str) -> Result<Vec<f32>> {

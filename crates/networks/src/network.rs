@@ -14,7 +14,7 @@ use luxel_core::random;
 
 /// The sizes of a network's layers, inputs first.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Network {
+pub struct Network {
     sizes: Vec<usize>,
     ends_in_relu: bool,
 }
@@ -22,7 +22,7 @@ pub(crate) struct Network {
 /// Inputs and outputs of all layers of a network for some blocks of samples. Vector number 0 holds
 /// the network's inputs; hidden layers are stored after their ReLU.
 #[derive(Debug, Default)]
-pub(crate) struct Activations {
+pub struct Activations {
     layers: Vec<Vec<Lanes>>,
     /// Gradients by the activations, of the same shapes.
     gradients: Vec<Vec<Lanes>>,
@@ -37,33 +37,35 @@ struct Layer<'a> {
 }
 
 impl Network {
-    pub(crate) fn new(sizes: &[usize]) -> Self {
+    /// Returns a network of these sizes, with nothing after its last layer.
+    pub fn new(sizes: &[usize]) -> Self {
         Self { sizes: sizes.to_vec(), ends_in_relu: false }
     }
 
     /// Returns a network with a ReLU after its last layer.
-    pub(crate) fn ending_in_relu(sizes: &[usize]) -> Self {
+    pub fn ending_in_relu(sizes: &[usize]) -> Self {
         Self { sizes: sizes.to_vec(), ends_in_relu: true }
     }
 
     /// Returns the number of outputs.
-    pub(crate) fn outputs(&self) -> usize {
+    pub fn outputs(&self) -> usize {
         self.sizes.last().copied().unwrap_or(0)
     }
 
     /// Returns the number of weights and biases.
-    pub(crate) fn len(&self) -> usize {
+    #[expect(clippy::len_without_is_empty, reason = "a network has weights")]
+    pub fn len(&self) -> usize {
         self.sizes.windows(2).map(|pair| (pair[0] + 1) * pair[1]).sum()
     }
 
     /// Returns weights and biases that are uniform within one over the root of a layer's inputs.
-    pub(crate) fn initial(&self, seed: u64) -> Vec<f32> {
+    pub fn initial(&self, seed: u64) -> Vec<f32> {
         let bounds = self.sizes.windows(2).flat_map(|pair| std::iter::repeat_n((pair[0] as f32).sqrt().recip(), (pair[0] + 1) * pair[1]));
         bounds.zip(0u64..).map(|(bound, index)| bound * (2.0 * random::uniform(seed, index) - 1.0)).collect()
     }
 
     /// Makes room for `blocks` blocks, and returns the rows of the inputs.
-    pub(crate) fn inputs<'a>(&self, blocks: usize, room: &'a mut Activations) -> &'a mut [Lanes] {
+    pub fn inputs<'a>(&self, blocks: usize, room: &'a mut Activations) -> &'a mut [Lanes] {
         room.layers.resize_with(self.sizes.len(), Vec::new);
         room.gradients.resize_with(self.sizes.len(), Vec::new);
         for (k, size) in self.sizes.iter().enumerate() {
@@ -75,7 +77,7 @@ impl Network {
 
     /// Computes the outputs of the inputs in `room`.
     #[inline(always)]
-    pub(crate) fn forward<S: Simd>(&self, simd: S, weights: &[f32], room: &mut Activations) {
+    pub fn forward<S: Simd>(&self, simd: S, weights: &[f32], room: &mut Activations) {
         let mut weights = weights;
         for k in 0..self.sizes.len() - 1 {
             let (inputs, outputs) = (self.sizes[k], self.sizes[k + 1]);
@@ -91,7 +93,7 @@ impl Network {
     /// [`Activations::by_outputs`]; leaves the gradient by the inputs in
     /// [`Activations::by_inputs`].
     #[inline(always)]
-    pub(crate) fn backward<S: Simd>(&self, simd: S, weights: &[f32], room: &mut Activations, gradient: &mut [f32]) {
+    pub fn backward<S: Simd>(&self, simd: S, weights: &[f32], room: &mut Activations, gradient: &mut [f32]) {
         if self.ends_in_relu {
             room.mask_outputs();
         }
@@ -109,19 +111,23 @@ impl Network {
 }
 
 impl Activations {
-    pub(crate) fn inputs(&self) -> &[Lanes] {
+    /// Returns the rows of the inputs.
+    pub fn inputs(&self) -> &[Lanes] {
         self.layers.first().map_or(&[], Vec::as_slice)
     }
 
-    pub(crate) fn outputs(&self) -> &[Lanes] {
+    /// Returns the rows of the outputs.
+    pub fn outputs(&self) -> &[Lanes] {
         self.layers.last().map_or(&[], Vec::as_slice)
     }
 
-    pub(crate) fn by_outputs(&mut self) -> &mut [Lanes] {
+    /// Returns the rows of the gradient by the outputs, to be written before the way back.
+    pub fn by_outputs(&mut self) -> &mut [Lanes] {
         self.gradients.last_mut().map_or(&mut [], Vec::as_mut_slice)
     }
 
-    pub(crate) fn by_inputs(&self) -> &[Lanes] {
+    /// Returns the rows of the gradient by the inputs.
+    pub fn by_inputs(&self) -> &[Lanes] {
         self.gradients.first().map_or(&[], Vec::as_slice)
     }
 

@@ -1,0 +1,113 @@
+//! Training of scenes that are not stored as splats, with a run folder: radiance fields, and
+//! anchors, whose splats networks decode for each view.
+//!
+//! Such a run has the folder, events, log, metrics and report of any run ([`crate::run`]). Its
+//! checkpoints hold a scene and the state of its training, and `field/iteration_N/` or
+//! `anchors/iteration_N/` is what `point_cloud/` is for splats. Whatever needs splats refuses it by
+//! name ([`refuse`]).
+//!
+//! In: a [`RunConfig`] of such a method, and a [`RunFolder`]. Out: a trained scene, in the folder.
+//! Fields and anchors are trained and rendered on the processor.
+
+mod anchor_files;
+mod field_files;
+mod files;
+mod launch;
+mod newest;
+mod objective;
+mod scene;
+mod session;
+mod trainer;
+
+use std::path::Path;
+
+pub(crate) use launch::seconds_per_step;
+pub use launch::{TrainedImplicit, fresh, resume};
+use luxel_core::{ColorModel, ColorSpace, RadianceScale, RasterConfig, Scene, Similarity, Splats};
+pub use luxel_field::{ColorHead, FieldNetwork};
+use luxel_train::Method;
+pub use newest::newest_scene;
+pub use scene::{Content, ImplicitScene};
+
+use crate::run::{RunConfig, RunFolder};
+use crate::{DeviceOptions, Error, Remedy, Result, SelectedEngine};
+
+/// Why a field is not computed on a GPU.
+const FIELD_ON_PROCESSOR: &str = "radiance fields are computed on the processor";
+/// Why anchors are not.
+const ANCHORS_ON_PROCESSOR: &str = "anchors are decoded and trained on the processor";
+
+/// Returns why a method is computed on the processor.
+fn on_processor(method: Method) -> &'static str {
+    if method.has_anchors() { ANCHORS_ON_PROCESSOR } else { FIELD_ON_PROCESSOR }
+}
+
+/// Opens the processor for a method that stores no splats.
+///
+/// # Errors
+/// A GPU that was asked for.
+pub fn open_processor(options: &DeviceOptions, method: Method) -> Result<SelectedEngine> {
+    SelectedEngine::on_processor(options, on_processor(method))
+}
+
+/// Refuses a run without stored splats where splats are needed.
+///
+/// # Errors
+/// The run is one of a radiance field or of anchors; its configuration cannot be read.
+pub fn refuse(folder: &RunFolder) -> Result<()> {
+    let (_, config) = RunFolder::open(folder.root())?;
+    match config.train.method.stores_splats() {
+        true => Ok(()),
+        false => Err(no_splats(folder.root(), &config)),
+    }
+}
+
+fn no_splats(root: &Path, config: &RunConfig) -> Error {
+    let (root, method) = (root.display(), config.method_name());
+    let message = match config.train.method.has_anchors() {
+        true => format!("{root}: holds anchors ({method}), which have no splats but those that they decode for a view"),
+        false => format!("{root}: holds a radiance field ({method}), which has no splats"),
+    };
+    Error::new(message).with_remedy(Remedy::advice("render or evaluate it, or train splats with another method, such as lcd"))
+}
+
+/// Reads the field or the anchors of a file, `field.safetensors`, `anchors.safetensors` or a
+/// checkpoint; `None` if the file holds something else.
+///
+/// # Errors
+/// A file of such a scene that is damaged or of another version.
+pub fn open_file(path: &Path) -> Result<Option<ImplicitScene>> {
+    match kind_of_file(path) {
+        Some(_) => files::read(path).map(Some),
+        None => Ok(None),
+    }
+}
+
+/// Returns what a file holds, in words, if it is a scene without splats.
+fn kind_of_file(path: &Path) -> Option<&'static str> {
+    let kinds = [(field_files::FORMAT, "a radiance field, which has"), (anchor_files::FORMAT, "anchors, which have")];
+    kinds.into_iter().find(|(format, _)| luxel_io::holds_arrays(path, format)).map(|(_, words)| words)
+}
+
+/// Refuses a file of a field or of anchors where a scene of splats is needed.
+pub(crate) fn refuse_file(path: &Path) -> Result<()> {
+    if path.extension().is_none_or(|extension| extension != "safetensors") {
+        return Ok(());
+    }
+    let Some(words) = kind_of_file(path) else { return Ok(()) };
+    let message = format!("{}: holds {words} no splats", path.display());
+    Err(Error::new(message).with_remedy(Remedy::advice("name the folder of its run to render or evaluate it")))
+}
+
+/// Returns a scene without splats.
+fn place_of(radiance_scale: RadianceScale, color_space: ColorSpace, world_from_local: Similarity, metres: Option<f64>) -> Scene {
+    Scene {
+        splats: Splats::empty(ColorModel::Sh { degree: 0 }),
+        radiance_scale,
+        color_space,
+        raster: RasterConfig::default(),
+        edits: Vec::new(),
+        world_from_local,
+        metres_per_unit: metres,
+    }
+}
