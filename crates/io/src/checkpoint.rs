@@ -25,9 +25,11 @@ use crate::read_file::open_regular;
 use crate::validity::{is_length, is_usable};
 use crate::{IoError, write_atomically};
 
+mod digest;
 mod files;
 mod tensors;
 
+use digest::Digest;
 pub use files::{CheckpointFile, LatestCheckpoint, checkpoint_path, latest_checkpoint, list_checkpoints, prune_checkpoints};
 use tensors::{PIECE_BYTES, tensors_of};
 
@@ -173,41 +175,6 @@ fn metadata_of(state: &impl SavedState) -> std::io::Result<BTreeMap<&'static str
         metadata.insert(METRES_KEY, format!("{metres:e}"));
     }
     Ok(metadata)
-}
-
-/// The digest of a checkpoint's content, every part preceded by its length.
-struct Digest(blake3::Hasher);
-
-impl Digest {
-    fn of_metadata<K: AsRef<str>>(metadata: &BTreeMap<K, String>) -> Self {
-        let mut digest = Self(blake3::Hasher::new());
-        for (key, value) in metadata {
-            digest.text(key.as_ref());
-            digest.text(value);
-        }
-        digest
-    }
-
-    fn text(&mut self, text: &str) {
-        self.0.update(&(text.len() as u64).to_le_bytes());
-        self.0.update(text.as_bytes());
-    }
-
-    fn tensor(&mut self, name: &str, shape: &[usize]) {
-        self.text(name);
-        self.0.update(&(shape.len() as u64).to_le_bytes());
-        for side in shape {
-            self.0.update(&(*side as u64).to_le_bytes());
-        }
-    }
-
-    fn bytes(&mut self, bytes: &[u8]) {
-        self.0.update(bytes);
-    }
-
-    fn finish(&self) -> String {
-        self.0.finalize().to_hex().to_string()
-    }
 }
 
 /// A file under way of being read.

@@ -1,8 +1,8 @@
 //! The blocks of splats that each rank has gradients of, which all ranks know: so that each knows
 //! the lengths of all messages.
 //!
-//! In: the trees of a rank's nodes. Out: the blocks of all nodes, where in its memory a rank has the
-//! words for another, and how many it receives. Degenerate: a rank without slots has no node.
+//! In: the trees of a rank's nodes. Out: the blocks of all nodes, where in its memory a rank has
+//! the words for another, and how many it receives. Degenerate: a rank without slots has no node.
 
 use std::ops::Range;
 

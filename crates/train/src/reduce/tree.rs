@@ -1,5 +1,5 @@
-//! The tree by which gradients are added, so that their sum has the same bits wherever its parts are
-//! computed.
+//! The tree by which gradients are added, so that their sum has the same bits wherever its parts
+//! are computed.
 
 use std::ops::Range;
 
