@@ -2,12 +2,14 @@
 """Measures scenes at the edges of blocks and away from them.
 
 block_seams.py BLOCKS DATASET DEPTH SCENE... [--width FRACTION]
+block_seams.py BLOCKS DATASET DEPTH SCENE... --metres WIDTH
 
 BLOCKS is a folder of luxel split, DATASET its data set with transforms_test.json and pinhole cameras, DEPTH
 renders of its test views with channel Z (luxel render --split test --depth), and each SCENE a folder of
 luxel eval -o with renders and gt. Prints PSNR under the mu-law for pixels whose surface is nearer to an
 edge between blocks than a fraction of the border, and for the others; the pixels are the same for all
-scenes. Needs numpy and OpenEXR.
+scenes. With --metres, prints it for each edge of the blocks' first direction, over pixels no further from it than so many
+units of the world, so that a scene with edges elsewhere tells what is the edge's and what is the place's. Needs numpy and OpenEXR.
 """
 
 import argparse
@@ -61,23 +63,36 @@ def main():
     parser.add_argument("depth", type=pathlib.Path)
     parser.add_argument("scenes", type=pathlib.Path, nargs="+")
     parser.add_argument("--width", type=float, default=0.5)
+    parser.add_argument("--metres", type=float)
     args = parser.parse_args()
     listed = json.loads((args.blocks / "blocks.json").read_text())
     blocks = [json.loads((args.blocks / name / "block.json").read_text()) for name in listed["blocks"]]
     cameras = json.loads((args.dataset / "transforms_test.json").read_text())
     tone = lambda image: np.log1p(MU * np.clip(image / listed["radiance_scale"], 0, 1)) / math.log1p(MU)
+    axis = np.array(blocks[0]["axes"][0])
+    edges_m = sorted({edge for block in blocks for edge in block["core"][0] if edge is not None})
+    by_edge = {scene: np.zeros((len(edges_m), 2)) for scene in args.scenes}
     sums = {scene: np.zeros((2, 2)) for scene in args.scenes}
     for frame in cameras["frames"]:
         name = pathlib.Path(frame["file_path"]).stem + ".exr"
         depth = channels(args.depth / name, ["Z"])[..., 0]
-        near = near_edges(blocks, places(frame, cameras, np.where(depth < 1e9, depth, 1e9)), args.width)
+        world = places(frame, cameras, np.where(depth < 1e9, depth, 1e9))
+        near = near_edges(blocks, world, args.width)
         for scene in args.scenes:
             truth, render = (tone(channels(scene / part / name, "RGB")) for part in ("gt", "renders"))
             error = ((truth - render) ** 2).mean(-1)
             for i, mask in enumerate((near, ~near)):
                 sums[scene][i] += error[mask].sum(), mask.sum()
+            for i, edge in enumerate(edges_m if args.metres else []):
+                mask = np.abs(world @ axis - edge) < args.metres
+                by_edge[scene][i] += error[mask].sum(), mask.sum()
+    psnr = lambda total, count: -10 * math.log10(max(total, 1e-12) / max(count, 1))
+    if args.metres:
+        for scene in args.scenes:
+            whole = psnr(*sums[scene].sum(0))
+            print(f"{scene}: {whole:.2f} dB, at edges " + ", ".join(f"{edge:.1f}: {psnr(*of):.2f}" for edge, of in zip(edges_m, by_edge[scene])))
+        return
     for scene, ((edge, edges), (other, others)) in sums.items():
-        psnr = lambda total, count: -10 * math.log10(max(total, 1e-12) / max(count, 1))
         share = 100 * edges / (edges + others)
         print(f"{scene}: {psnr(edge, edges):.2f} dB at edges ({share:.0f} % of the pixels), {psnr(other, others):.2f} dB elsewhere")
 
