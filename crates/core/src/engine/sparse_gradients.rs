@@ -2,8 +2,7 @@
 //! and exchanges between processes leave the others out.
 //!
 //! In: gradients of blocks of [`SPLATS_PER_BLOCK`] splats. Out: the same by block, and parts of
-//! them. Degenerate: no blocks are the gradients of a view that
-//! shows no splat.
+//! them. Degenerate: no blocks are the gradients of a view that shows no splat.
 
 use std::ops::Range;
 
