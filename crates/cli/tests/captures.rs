@@ -91,7 +91,10 @@ fn hdr_gs_needs_pairs_and_refuses_what_it_does_not_have() {
     record_beside_radiance(&place);
     refused(&["--method", "hdr-gs", "--supervision", "hdr"], &["trains on captured images beside radiance", "--supervision both"]);
     refused(&["--supervision", "both"], &["method lcd trains on one kind of images"]);
-    refused(&["--method", "hdr-gs", "--cutoffs", "hdr"], &["--cutoffs: has an effect with --method lcd, sh0 to sh5, logsh3 or lcd-anchors only"]);
+    refused(
+        &["--method", "hdr-gs", "--cutoffs", "hdr"],
+        &["--cutoffs: has an effect with --method lcd, sh0 to sh5, logsh3 or lcd-anchors only"],
+    );
     refused(&["--tone-width", "64"], &["--tone-width: has an effect with --method hdr-gs only"]);
     refused(&["--feature-lr", "1"], &["--feature-lr: has an effect with --method gausshdr only"]);
     refused(&["--method", "gausshdr", "--supervision", "both"], &["trains on captured images alone, expected ldr", "--supervision ldr"]);

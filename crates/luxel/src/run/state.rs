@@ -87,8 +87,7 @@ pub struct LoadedRun {
     /// Steps of training.
     pub iteration: u32,
     /// The scene; that of a field or of anchors has their units and place, and no splats. That of a
-    /// method that
-    /// lifts colours is without the lift, which the engine has.
+    /// method that lifts colours is without the lift, which the engine has.
     pub scene: Scene,
     /// The engine.
     pub selected: SelectedEngine,
