@@ -18,9 +18,13 @@ pub(super) fn from_planes<const R: usize>(planes: &[f32]) -> Vec<Block<R>> {
     let len = planes.len() / R;
     let mut blocks = vec![[[0.0; LANES]; R]; len.div_ceil(LANES)];
     blocks.par_iter_mut().enumerate().with_min_len(CHUNK).for_each(|(n, block)| {
-        let (first, end) = (n * LANES, len.min((n + 1) * LANES));
+        let first = n * LANES;
         for (r, row) in block.iter_mut().enumerate() {
-            row[..end - first].copy_from_slice(&planes[r * len + first..r * len + end]);
+            let rest = &planes[r * len + first..(r + 1) * len];
+            match rest.first_chunk() {
+                Some(numbers) => *row = *numbers,
+                None => row[..rest.len()].copy_from_slice(rest),
+            }
         }
     });
     blocks
@@ -29,6 +33,10 @@ pub(super) fn from_planes<const R: usize>(planes: &[f32]) -> Vec<Block<R>> {
 /// Writes rows `first..first + planes` of blocks to as many planes of `len` numbers.
 pub(super) fn to_planes<const R: usize>(blocks: &[Block<R>], first: usize, len: usize, planes: &mut [f32]) {
     planes.par_chunks_mut(len.max(1)).enumerate().for_each(|(r, plane)| {
-        plane.chunks_mut(LANES).zip(blocks).for_each(|(out, block)| out.copy_from_slice(&block[first + r][..out.len()]));
+        let (whole, rest) = plane.as_chunks_mut::<LANES>();
+        whole.iter_mut().zip(blocks).for_each(|(out, block)| *out = block[first + r]);
+        if let Some(last) = blocks.get(whole.len()) {
+            rest.copy_from_slice(&last[first + r][..rest.len()]);
+        }
     });
 }

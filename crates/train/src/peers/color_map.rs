@@ -15,6 +15,8 @@ use super::relu_line::{LineSums, LineTable};
 
 /// Splats of a chunk.
 const CHUNK: usize = 2048;
+/// Splats whose pieces are looked for at once.
+const TOGETHER: usize = 8;
 
 /// A map of colours, channel by channel.
 pub(crate) trait ColorMap: Send + Sync {
@@ -76,18 +78,27 @@ pub(super) fn mapped(map: &impl ColorMap, splats: &SeenSplats<'_>) -> MappedColo
     outs.into_par_iter().zip(inputs).for_each(|((colors, slopes, pieces), (first, visible))| {
         colors.copy_from_slice(first);
         map.inputs(colors.as_flattened_mut());
-        for ((color, pieces), _) in colors.iter_mut().zip(pieces).zip(visible).filter(|(_, visible)| **visible) {
-            for (c, table) in map.tables().iter().enumerate() {
-                let input = f64::from(color[c]);
-                let piece = table.piece(input);
-                pieces[c] = piece as u16;
-                color[c] = map.argument(table, piece, input) as f32;
-            }
+        for (colors, pieces) in colors.chunks_mut(TOGETHER).zip(pieces.chunks_mut(TOGETHER)) {
+            map_together(map, colors, pieces);
         }
         map.colors(colors.as_flattened_mut(), slopes.as_flattened_mut());
         colors.iter_mut().zip(visible).filter(|(_, visible)| !**visible).for_each(|(color, _)| *color = [0.0; 3]);
     });
     out
+}
+
+/// Turns inputs of at most [`TOGETHER`] splats into arguments, and finds their pieces.
+#[inline]
+fn map_together(map: &impl ColorMap, colors: &mut [[f32; 3]], pieces: &mut [[u16; 3]]) {
+    for (c, table) in map.tables().iter().enumerate() {
+        let mut inputs = [0.0; TOGETHER];
+        inputs.iter_mut().zip(&*colors).for_each(|(input, color)| *input = f64::from(color[c]));
+        let found = table.pieces(&inputs);
+        for (((color, pieces), piece), input) in colors.iter_mut().zip(&mut *pieces).zip(found).zip(inputs) {
+            pieces[c] = piece as u16;
+            color[c] = map.argument(table, piece, input) as f32;
+        }
+    }
 }
 
 /// Adds the gradient by the first colours to `out`, from that by the mapped ones, and returns the

@@ -79,6 +79,12 @@ fn load<const R: usize, S: Simd>(simd: S, blocks: [&Block<R>; 2]) -> Pair<S, R> 
     rows
 }
 
+/// Returns the ln exposures.
+#[inline(always)]
+fn exposures<S: Simd>(items: &Pair<S, INPUTS>) -> Pair<S, 3> {
+    [[items[0][0], items[0][1], items[0][2]], [items[1][0], items[1][1], items[1][2]]]
+}
+
 /// Returns the input of the networks of a channel that see the feature.
 #[inline(always)]
 fn with_feature<S: Simd>(items: &Pair<S, INPUTS>, channel: usize) -> Pair<S, { 1 + FEATURES }> {
@@ -159,15 +165,14 @@ impl GaussTone {
             let last = items.len() - 1;
             let items = load(simd, [&items[0], &items[last]]);
             // Loops in place of closures, which would not be inlined.
+            let uncertainty = self.uncertainty.apply_each(simd, &exposures(&items), &with_feature(&items, 0));
             for c in 0..3 {
-                let input = with_feature(&items, c);
                 let global = self.global[c].apply(simd, &[[items[0][c]], [items[1][c]]]);
-                let local = self.local[c].apply(simd, &input);
-                let uncertainty = self.uncertainty.apply(simd, &input);
+                let local = self.local[c].apply(simd, &with_feature(&items, c));
                 for (b, values) in values.iter_mut().enumerate() {
                     sigmoid(simd, global[b]).store_array(&mut values[c]);
                     sigmoid(simd, local[b]).store_array(&mut values[3 + c]);
-                    softplus(simd, uncertainty[b]).max(f32x16::splat(simd, LEAST_UNCERTAINTY)).store_array(&mut values[6 + c]);
+                    softplus(simd, uncertainty[b][c]).max(f32x16::splat(simd, LEAST_UNCERTAINTY)).store_array(&mut values[6 + c]);
                 }
             }
         }
@@ -208,11 +213,12 @@ impl GaussTone {
                     }
                 }
             }
-            // The gradient by the item ends at uncertainty.
-            for (items, by_raw) in given.items.chunks(2).zip(by_raw.chunks(2)) {
-                let (items, by_raw) = load_pair(simd, items, by_raw);
-                self.uncertainty.backward(simd, &with_feature(&items, c), [by_raw[0][6 + c], by_raw[1][6 + c]], uncertainty_sums);
-            }
+        }
+        // The gradient by the item ends at uncertainty.
+        for (items, by_raw) in given.items.chunks(2).zip(by_raw.chunks(2)) {
+            let (items, by_raw) = load_pair(simd, items, by_raw);
+            let by = [[by_raw[0][6], by_raw[0][7], by_raw[0][8]], [by_raw[1][6], by_raw[1][7], by_raw[1][8]]];
+            self.uncertainty.add_gradient_of_each(simd, &exposures(&items), &with_feature(&items, 0), &by, uncertainty_sums);
         }
         sums.iter().map(|lanes| f64::from(lanes.iter().sum::<f32>())).collect()
     }

@@ -11,6 +11,8 @@
 //! Sums are in f64, in the order in which they are added. Degenerate: a unit with w_j = 0 is a
 //! constant; at its break point a unit is inactive.
 
+use std::hint::select_unpredictable;
+
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
@@ -189,11 +191,19 @@ impl LineTable {
     /// Returns the piece of an input.
     #[inline]
     pub(crate) fn piece(&self, s: f64) -> usize {
-        // Halves without branches, which would be guessed wrong every other time.
-        let (mut first, mut len) = (0, self.places.len());
+        self.pieces(&[s])[0]
+    }
+
+    /// Returns the pieces of inputs, whose searches do not wait for one another.
+    #[inline]
+    pub(crate) fn pieces<const N: usize>(&self, inputs: &[f64; N]) -> [usize; N] {
+        let (mut first, mut len) = ([0; N], self.places.len());
         while len > 1 {
             len /= 2;
-            first += if self.places[first + len - 1] < s { len } else { 0 };
+            for (first, s) in first.iter_mut().zip(inputs) {
+                // Without a branch, which would be guessed wrong every other time.
+                *first += select_unpredictable(self.places[*first + len - 1] < *s, len, 0);
+            }
         }
         first
     }

@@ -76,8 +76,8 @@ impl<const N: usize> SoftNetwork<N> {
     fn arguments<S: Simd>(simd: S, unit: &[f32], inputs: &Pair<S, N>) -> [f32x16<S>; 2] {
         let bias = f32x16::splat(simd, unit[N]);
         let mut z = [bias; 2];
-        for (k, weight) in unit.iter().enumerate().take(N) {
-            let weight = f32x16::splat(simd, *weight);
+        for k in 0..N {
+            let weight = f32x16::splat(simd, unit[k]);
             z[0] = inputs[0][k].mul_add(weight, z[0]);
             z[1] = inputs[1][k].mul_add(weight, z[1]);
         }
@@ -115,14 +115,84 @@ impl<const N: usize> SoftNetwork<N> {
             let by_z = each!([0, 1] b => by[b] * outgoing * (hidden[b] / root[b]));
             add(simd, &mut sums[N + 1], by[0].mul_add(hidden[0], by[1] * hidden[1]));
             add(simd, &mut sums[N], by_z[0] + by_z[1]);
-            for (k, (sum, weight)) in sums.iter_mut().zip(unit).enumerate().take(N) {
-                add(simd, sum, by_z[0].mul_add(inputs[0][k], by_z[1] * inputs[1][k]));
-                let weight = c(*weight);
+            for k in 0..N {
+                add(simd, &mut sums[k], by_z[0].mul_add(inputs[0][k], by_z[1] * inputs[1][k]));
+                let weight = c(unit[k]);
                 by_inputs[0][k] = by_z[0].mul_add(weight, by_inputs[0][k]);
                 by_inputs[1][k] = by_z[1].mul_add(weight, by_inputs[1][k]);
             }
         }
         add(simd, &mut sums[Self::NUMBERS - 1], by[0] + by[1]);
         by_inputs
+    }
+
+    /// Returns the part of a hidden unit's arguments that all inputs but the first make up.
+    #[inline(always)]
+    fn rest_of_arguments<S: Simd>(simd: S, unit: &[f32], inputs: &Pair<S, N>) -> [f32x16<S>; 2] {
+        let bias = f32x16::splat(simd, unit[N]);
+        let mut z = [bias; 2];
+        for k in 1..N {
+            let weight = f32x16::splat(simd, unit[k]);
+            z[0] = inputs[0][k].mul_add(weight, z[0]);
+            z[1] = inputs[1][k].mul_add(weight, z[1]);
+        }
+        z
+    }
+
+    /// Returns the outputs of two blocks of items for each of `C` numbers in place of the first
+    /// input.
+    #[inline(always)]
+    pub(super) fn apply_each<const C: usize, S: Simd>(&self, simd: S, first: &Pair<S, C>, inputs: &Pair<S, N>) -> Pair<S, C> {
+        let c = |value: f32| f32x16::splat(simd, value);
+        let bend = c(BEND);
+        let mut sums = [[c(self.numbers[Self::NUMBERS - 1]); C]; 2];
+        for unit in 0..UNITS {
+            let unit = &self.numbers[unit * (N + 2)..][..N + 2];
+            let (rest, weight, outgoing) = (Self::rest_of_arguments(simd, unit, inputs), c(unit[0]), c(0.5 * unit[N + 1]));
+            for k in 0..C {
+                let z = each!([0, 1] b => first[b][k].mul_add(weight, rest[b]));
+                sums[0][k] = (z[0] + z[0].mul_add(z[0], bend).sqrt()).mul_add(outgoing, sums[0][k]);
+                sums[1][k] = (z[1] + z[1].mul_add(z[1], bend).sqrt()).mul_add(outgoing, sums[1][k]);
+            }
+        }
+        sums
+    }
+
+    /// Adds the gradient by the numbers to sums, from that by the outputs of [`Self::apply_each`].
+    #[inline(always)]
+    pub(super) fn add_gradient_of_each<const C: usize, S: Simd>(
+        &self,
+        simd: S,
+        first: &Pair<S, C>,
+        inputs: &Pair<S, N>,
+        by: &Pair<S, C>,
+        sums: &mut LaneSums,
+    ) {
+        let c = |value: f32| f32x16::splat(simd, value);
+        let (bend, half, zero) = (c(BEND), c(0.5), c(0.0));
+        for unit in 0..UNITS {
+            let numbers = unit * (N + 2)..(unit + 1) * (N + 2);
+            let (unit, sums) = (&self.numbers[numbers.clone()], &mut sums[numbers]);
+            let (rest, weight, outgoing) = (Self::rest_of_arguments(simd, unit, inputs), c(unit[0]), c(unit[N + 1]));
+            let (mut by_outgoing, mut by_weight, mut by_z) = (zero, zero, [zero; 2]);
+            for k in 0..C {
+                let z = each!([0, 1] b => first[b][k].mul_add(weight, rest[b]));
+                let root = each!([0, 1] b => z[b].mul_add(z[b], bend).sqrt());
+                let hidden = each!([0, 1] b => (z[b] + root[b]) * half);
+                let part = each!([0, 1] b => by[b][k] * outgoing * (hidden[b] / root[b]));
+                by_outgoing = by[0][k].mul_add(hidden[0], by[1][k].mul_add(hidden[1], by_outgoing));
+                by_weight = part[0].mul_add(first[0][k], part[1].mul_add(first[1][k], by_weight));
+                by_z = each!([0, 1] b => by_z[b] + part[b]);
+            }
+            add(simd, &mut sums[N + 1], by_outgoing);
+            add(simd, &mut sums[N], by_z[0] + by_z[1]);
+            add(simd, &mut sums[0], by_weight);
+            for k in 1..N {
+                add(simd, &mut sums[k], by_z[0].mul_add(inputs[0][k], by_z[1] * inputs[1][k]));
+            }
+        }
+        for (first, second) in by[0].iter().zip(&by[1]) {
+            add(simd, &mut sums[Self::NUMBERS - 1], *first + *second);
+        }
     }
 }
