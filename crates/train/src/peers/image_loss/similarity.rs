@@ -1,7 +1,7 @@
 //! SSIM of windows.
 //!
-//! In: means of x, y, x^2 + y^2 and x y over windows. Out: SSIM, and its derivatives by the means of
-//! x, x^2 and x y.
+//! In: means of x, y, x^2 + y^2 and x y over windows. Out: SSIM, and its derivatives by the means
+//! of x, x^2 and x y.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
