@@ -1,14 +1,9 @@
 //! A field as an engine that renders: evaluation, rendering and measurements of speed ask any
-//! engine for images. All that is about splats is refused.
-
-use std::ops::Range;
+//! engine for images.
 
 use fearless_simd::Level;
-use luxel_core::edit::Contributions;
-use luxel_core::engine::{
-    DensifyPlan, DensifyStats, Engine, EngineError, Geometry, PassTime, SavedPart, SplatArray, StepConfig, StepReport,
-};
-use luxel_core::{Camera, Image, Layers, Moments, RenderOptions, Splats, View};
+use luxel_core::engine::{EngineError, RenderOnly};
+use luxel_core::{Camera, Layers, RenderOptions};
 
 use crate::error::FieldError;
 use crate::field::Field;
@@ -33,71 +28,18 @@ impl FieldEngine {
     pub fn instruction_set(&self) -> String {
         format!("{:?}", Level::new())
     }
+}
 
-    fn layers(&self, camera: &Camera, options: &RenderOptions) -> Result<Layers, EngineError> {
+impl RenderOnly for FieldEngine {
+    fn no_splats(&self) -> EngineError {
+        EngineError::invalid("a radiance field has no splats")
+    }
+
+    fn layers(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Layers, EngineError> {
         camera.validate()?;
         if !camera.distortion.is_none() {
             return Err(EngineError::invalid("camera: its lens distorts; fields are rendered without distortion"));
         }
         Ok(self.threads.install(|| self.field.render(camera, options.background, options.raster.samples)))
-    }
-}
-
-/// Returns the error of a request that is about splats.
-fn no_splats<T>() -> Result<T, EngineError> {
-    Err(EngineError::invalid("a radiance field has no splats"))
-}
-
-impl Engine for FieldEngine {
-    fn load(&mut self, _: &Splats, _: Option<&Moments>) -> Result<(), EngineError> {
-        no_splats()
-    }
-
-    fn save(&mut self) -> Result<(Splats, Moments), EngineError> {
-        no_splats()
-    }
-
-    fn save_array(&mut self, _: SavedPart, _: SplatArray, _: Range<usize>) -> Result<Vec<f32>, EngineError> {
-        no_splats()
-    }
-
-    fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {
-        Ok(self.layers(camera, options)?.image)
-    }
-
-    fn render_layers(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Layers, EngineError> {
-        self.layers(camera, options)
-    }
-
-    fn contributions(&mut self, _: &Camera, _: &RenderOptions, _: &[f32]) -> Result<Contributions, EngineError> {
-        no_splats()
-    }
-
-    fn train_step(&mut self, _: &View, _: &StepConfig) -> Result<StepReport, EngineError> {
-        no_splats()
-    }
-
-    fn densify_stats(&mut self) -> Result<DensifyStats, EngineError> {
-        no_splats()
-    }
-
-    fn set_densify_stats(&mut self, _: &DensifyStats) -> Result<(), EngineError> {
-        no_splats()
-    }
-
-    fn geometry(&mut self) -> Result<Geometry, EngineError> {
-        no_splats()
-    }
-
-    fn densify(&mut self, _: &DensifyPlan) -> Result<(), EngineError> {
-        no_splats()
-    }
-
-    fn len(&self) -> usize {
-        0
-    }
-
-    fn timings(&self) -> &[PassTime] {
-        &[]
     }
 }

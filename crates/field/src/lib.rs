@@ -11,6 +11,7 @@ mod field;
 mod frequencies;
 mod grid;
 mod head;
+mod lift;
 mod loss;
 mod march;
 mod memory;

@@ -2,6 +2,8 @@
 //!
 //! In: a [`Ray`], the [`Occupancy`]. Out: intervals front to back. Their length is the cube's
 //! diagonal / 1024 near the camera and grows with the distance, as the footprint of a pixel does.
+//! Images of a field that is fog still have one interval in place of several where those together
+//! dim light by no more than one in an occupied cell of a solid field does ([`Spacing`]).
 //! Degenerate: a ray past the cube has none.
 
 use crate::occupancy::Occupancy;
@@ -19,6 +21,15 @@ pub(crate) struct Interval {
     pub(crate) middle: f32,
     pub(crate) length: f32,
     pub(crate) position: [f32; 3],
+}
+
+/// The lengths of intervals.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Spacing {
+    /// By the distance alone.
+    Even,
+    /// In thin cells several times that, at most to the cell's end.
+    ByDensity,
 }
 
 /// A ray under way.
@@ -47,30 +58,46 @@ impl March {
     }
 
     /// Returns the next occupied interval.
-    pub(crate) fn next(&mut self, occupancy: &Occupancy) -> Option<Interval> {
-        let Ray { origin, direction } = self.ray;
+    #[inline]
+    pub(crate) fn next(&mut self, occupancy: &Occupancy, spacing: Spacing) -> Option<Interval> {
         while self.at < self.end && self.left > 0 {
             let length = length_at(self.at);
-            let middle = self.at + 0.5 * length;
-            let mut position = [0.0; 3];
-            for axis in 0..3 {
-                position[axis] = origin[axis] + middle * direction[axis];
-            }
-            let cell = occupancy.cell(position);
-            if occupancy.is_occupied(cell) {
-                self.at += length;
+            let mut interval = self.interval(length);
+            let cell = occupancy.cell(interval.position);
+            let stretch = occupancy.stretch(cell);
+            if stretch > 0 {
+                if stretch > 1 && spacing == Spacing::ByDensity {
+                    interval = self.interval(length * f32::from(stretch).min(self.rest_of_cell(&interval, cell, occupancy)));
+                }
+                self.at += interval.length;
                 self.left -= 1;
-                return Some(Interval { middle, length, position });
+                return Some(interval);
             }
-            // To the end of the cell, by whole intervals.
-            let mut skip = f32::INFINITY;
-            for axis in 0..3 {
-                let border = (cell[axis] as f32 + if direction[axis] > 0.0 { 1.0 } else { 0.0 }) / occupancy.side() as f32;
-                skip = skip.min((border - position[axis]) * self.inverse[axis]);
-            }
-            self.at += length * (skip.max(0.0) / length).ceil().max(1.0);
+            self.at += length * self.rest_of_cell(&interval, cell, occupancy);
         }
         None
+    }
+
+    /// Returns the interval of a length that begins here.
+    #[inline]
+    fn interval(&self, length: f32) -> Interval {
+        let middle = self.at + 0.5 * length;
+        let mut position = [0.0; 3];
+        for axis in 0..3 {
+            position[axis] = self.ray.origin[axis] + middle * self.ray.direction[axis];
+        }
+        Interval { middle, length, position }
+    }
+
+    /// Returns the number of whole intervals from one, whose middle is in a cell, to the cell's end.
+    #[inline]
+    fn rest_of_cell(&self, interval: &Interval, cell: [usize; 3], occupancy: &Occupancy) -> f32 {
+        let mut rest = f32::INFINITY;
+        for axis in 0..3 {
+            let border = (cell[axis] as f32 + if self.ray.direction[axis] > 0.0 { 1.0 } else { 0.0 }) / occupancy.side() as f32;
+            rest = rest.min((border - interval.position[axis]) * self.inverse[axis]);
+        }
+        (rest.max(0.0) / interval.length).ceil().max(1.0)
     }
 }
 
@@ -81,9 +108,10 @@ fn length_at(distance: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::occupancy::SIDE;
 
     fn all(mut march: March, occupancy: &Occupancy) -> Vec<Interval> {
-        std::iter::from_fn(|| march.next(occupancy)).collect()
+        std::iter::from_fn(|| march.next(occupancy, Spacing::Even)).collect()
     }
 
     #[test]
@@ -107,6 +135,24 @@ mod tests {
         assert!(!found.is_empty() && found.iter().all(|interval| (9.0..10.0).contains(&(16.0 * interval.position[0]))));
         let covered: f32 = found.iter().map(|interval| interval.length * direction[0]).sum();
         assert!((covered - 1.0 / 16.0).abs() < 0.006, "{covered}");
+    }
+
+    #[test]
+    fn intervals_are_longer_in_thin_cells_and_nowhere_else() {
+        let stretched = |occupancy: &Occupancy, mut march: March| -> Vec<Interval> {
+            std::iter::from_fn(|| march.next(occupancy, Spacing::ByDensity)).collect()
+        };
+        let march = || March::new(Ray { origin: [-0.1, 0.2, 0.3], direction: [0.8, 0.36, 0.48] }, 0.01, 0.5);
+        let of_density = |density: f32| Occupancy::from_densities(vec![density; SIDE.pow(3)]).unwrap();
+        // A shortest interval dims light by 0.0025, a quarter of the threshold, and by twice it.
+        let (thin, solid) = (of_density(0.002_5 / MIN_LENGTH), of_density(0.02 / MIN_LENGTH));
+        let (even, long) = (all(march(), &thin), stretched(&thin, march()));
+        assert!(2 * long.len() < even.len() && even.len() < 4 * long.len(), "{} {}", long.len(), even.len());
+        for pair in long.windows(2) {
+            let ends = [pair[0].middle + 0.5 * pair[0].length, pair[1].middle - 0.5 * pair[1].length];
+            assert!((ends[0] - ends[1]).abs() < 1e-5, "{ends:?}");
+        }
+        assert_eq!(stretched(&solid, march()), all(march(), &solid));
     }
 
     #[test]

@@ -44,8 +44,6 @@ pub(crate) struct Samples {
 pub(crate) struct Room {
     trunk: TrunkRoom,
     color: Activations,
-    /// For the head, channel by channel.
-    pub(crate) head: [Activations; RAW],
     direction: Vec<f32>,
 }
 

@@ -30,7 +30,9 @@ pub(crate) struct Occupancy {
     side: usize,
     /// Densities, x fastest; [`UNSEEN`] for cells that stay empty.
     densities: Vec<f32>,
-    is_occupied: Vec<bool>,
+    /// Shortest intervals after which light is dimmed by [`THRESHOLD`] at each density: 0 for cells
+    /// that are not occupied, 1 where one interval dims it so much.
+    stretches: Vec<u8>,
 }
 
 /// A cell to look at again.
@@ -43,7 +45,7 @@ pub(crate) struct Probe {
 impl Occupancy {
     /// Returns cells of which all are occupied.
     pub(crate) fn full(side: usize) -> Self {
-        Self { side, densities: vec![0.0; side.pow(3)], is_occupied: vec![true; side.pow(3)] }
+        Self { side, densities: vec![0.0; side.pow(3)], stretches: vec![u8::MAX; side.pow(3)] }
     }
 
     /// Returns the cells that at least one camera sees, as occupied.
@@ -69,11 +71,8 @@ impl Occupancy {
     /// Returns the cells with these densities; `None` unless they are a cube's.
     pub(crate) fn from_densities(densities: Vec<f32>) -> Option<Self> {
         let is_usable = densities.iter().all(|d| *d == UNSEEN || (d.is_finite() && *d >= 0.0));
-        let mut cells = (densities.len() == SIDE.pow(3) && is_usable).then(|| Self {
-            is_occupied: vec![true; densities.len()],
-            side: SIDE,
-            densities,
-        })?;
+        let mut cells =
+            (densities.len() == SIDE.pow(3) && is_usable).then(|| Self { stretches: vec![0; densities.len()], side: SIDE, densities })?;
         cells.decide();
         Some(cells)
     }
@@ -83,7 +82,7 @@ impl Occupancy {
         for index in 0..self.densities.len() {
             if !is_kept(self.place(index)) {
                 self.densities[index] = UNSEEN;
-                self.is_occupied[index] = false;
+                self.stretches[index] = 0;
             }
         }
     }
@@ -98,7 +97,7 @@ impl Occupancy {
 
     /// Returns the part of the cells that are occupied.
     pub(crate) fn occupied_part(&self) -> f64 {
-        self.is_occupied.iter().filter(|occupied| **occupied).count() as f64 / self.is_occupied.len() as f64
+        self.stretches.iter().filter(|stretch| **stretch > 0).count() as f64 / self.stretches.len() as f64
     }
 
     /// Returns the cell of a position; the nearest one for a position outside of the cube.
@@ -107,9 +106,11 @@ impl Occupancy {
         position.map(|p| ((p * self.side as f32).max(0.0) as usize).min(self.side - 1))
     }
 
+    /// Returns how many shortest intervals one sample may stand for in a cell, 0 in one that is not
+    /// occupied. More than 1 only while the field is thin.
     #[inline]
-    pub(crate) fn is_occupied(&self, [x, y, z]: [usize; 3]) -> bool {
-        self.is_occupied[x + self.side * (y + self.side * z)]
+    pub(crate) fn stretch(&self, [x, y, z]: [usize; 3]) -> u8 {
+        self.stretches[x + self.side * (y + self.side * z)]
     }
 
     fn place(&self, index: usize) -> [usize; 3] {
@@ -124,7 +125,7 @@ impl Occupancy {
         let chosen: Vec<usize> = if all {
             (0..count).collect()
         } else {
-            let occupied: Vec<usize> = (0..count).filter(|i| self.is_occupied[*i]).collect();
+            let occupied: Vec<usize> = (0..count).filter(|i| self.stretches[*i] > 0).collect();
             let anywhere = (0..count / 4).map(|i| draw(i, count));
             let among = (0..occupied.len().min(count) / 4).map(|i| occupied[draw(count + i, occupied.len())]);
             anywhere.chain(among).collect()
@@ -154,8 +155,10 @@ impl Occupancy {
         let (sum, count) = seen.fold((0f64, 0u32), |(sum, count), density| (sum + f64::from(*density), count + 1));
         let mean = (sum / f64::from(count.max(1))) as f32 * MIN_LENGTH;
         let threshold = THRESHOLD.min(MEAN_SHARE * mean);
-        for (occupied, density) in self.is_occupied.iter_mut().zip(&self.densities) {
-            *occupied = *density >= 0.0 && *density * MIN_LENGTH >= threshold;
+        for (stretch, density) in self.stretches.iter_mut().zip(&self.densities) {
+            let thickness = *density * MIN_LENGTH;
+            let is_occupied = *density >= 0.0 && thickness >= threshold;
+            *stretch = if is_occupied { (THRESHOLD / thickness).clamp(1.0, 255.0) as u8 } else { 0 };
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Images of a field.
 //!
 //! In: a [`Field`], a camera. Out: radiance in normalised units, coverage and depth. Each pixel is
-//! one ray through its middle, marched until its transmittance is below [`MIN_TRANSMITTANCE`].
+//! one ray through its middle, marched until its transmittance is below [`MIN_TRANSMITTANCE`], with
+//! [longer intervals](Spacing) as long as the field is fog.
 
 use fearless_simd::{Level, Simd};
 use glam::DVec2;
@@ -9,7 +10,8 @@ use luxel_core::{Camera, Image, Layers};
 use rayon::prelude::*;
 
 use crate::field::Field;
-use crate::march::March;
+use crate::lift::Lifts;
+use crate::march::{March, Spacing};
 use crate::networks::{Room, Samples, from_blocks};
 use crate::sampling::MIN_TRANSMITTANCE;
 
@@ -25,6 +27,13 @@ struct Pixel {
     /// Sum of weight times distance.
     moment: f32,
     transmittance: f32,
+}
+
+/// Pixels of an image, one after another.
+struct Part<'a> {
+    /// Number of the first.
+    first: usize,
+    pixels: &'a mut [Pixel],
 }
 
 impl Field {
@@ -53,12 +62,12 @@ impl Field {
 
     fn render_once(&self, camera: &Camera, background: [f32; 3]) -> Layers {
         let [width, height] = camera.size_px.map(|side| side as usize);
-        let level = Level::new();
+        let (level, lifts) = (Level::new(), self.networks.head.lifts(self.networks.of_head(&self.weights)));
         let mut pixels = vec![Pixel::default(); width * height];
         pixels.par_chunks_mut(CHUNK).enumerate().for_each_init(
             || (Samples::default(), Room::default()),
             |(samples, room), (chunk, pixels)| {
-                fearless_simd::dispatch!(level, simd => self.render_pixels(simd, camera, chunk * CHUNK, pixels, samples, room));
+                fearless_simd::dispatch!(level, simd => self.render_pixels(simd, camera, lifts.as_ref(), Part { first: chunk * CHUNK, pixels }, samples, room));
             },
         );
         let mut layers = Layers { image: Image::filled(width, height, [0.0; 3]), alpha: Vec::new(), depth: Vec::new() };
@@ -89,7 +98,16 @@ impl Field {
     }
 
     #[inline(always)]
-    fn render_pixels<S: Simd>(&self, simd: S, camera: &Camera, first: usize, pixels: &mut [Pixel], samples: &mut Samples, room: &mut Room) {
+    fn render_pixels<S: Simd>(
+        &self,
+        simd: S,
+        camera: &Camera,
+        lifts: Option<&Lifts>,
+        part: Part<'_>,
+        samples: &mut Samples,
+        room: &mut Room,
+    ) {
+        let Part { first, pixels } = part;
         let (space, width) = (self.shape().space, camera.size_px[0] as usize);
         let mut active: Vec<(usize, March, [f32; 3])> = Vec::with_capacity(pixels.len());
         for (i, pixel) in pixels.iter_mut().enumerate() {
@@ -99,22 +117,22 @@ impl Field {
                 active.push((i, March::new(ray, space.near, 0.5), ray.direction));
             }
         }
-        let (mut densities, mut raw, mut colors) = (Vec::new(), Vec::new(), Vec::new());
-        let (head, of_head) = (&self.networks.head, self.networks.of_head(&self.weights));
+        let (mut densities, mut raw, mut pieces, mut colors) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let head = &self.networks.head;
         let channels = head.kind.channels();
         while !active.is_empty() {
             samples.clear();
             for (_, march, direction) in &mut active {
                 samples.begin(*direction);
                 for _ in 0..ROUND {
-                    let Some(interval) = march.next(&self.occupancy) else { break };
+                    let Some(interval) = march.next(&self.occupancy, Spacing::ByDensity) else { break };
                     samples.push(interval.position, interval.middle, interval.length);
                 }
             }
             samples.end();
             self.networks.densities(simd, &self.grid, self.parameters(), &samples.positions, room, &mut densities);
             from_blocks(self.networks.colors(simd, self.parameters(), samples, room), samples.len(), &mut raw);
-            head.forward(simd, of_head, &raw, &mut room.head, &mut colors);
+            head.forward(lifts, &raw, &mut pieces, &mut colors);
             let mut ray = 0;
             active.retain(|(i, ..)| {
                 let (of_ray, pixel) = (samples.of_ray(ray), &mut pixels[*i]);

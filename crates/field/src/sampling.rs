@@ -8,7 +8,7 @@ use fearless_simd::Simd;
 
 use crate::field::Field;
 use crate::head::MAX_CHANNELS;
-use crate::march::{Interval, March};
+use crate::march::{Interval, March, Spacing};
 use crate::networks::{Room, Samples, position_blocks};
 use crate::space::Ray;
 use luxel_networks::Lanes;
@@ -76,7 +76,7 @@ impl Sampling {
             for ray in &mut self.active {
                 ray.added = 0;
                 while ray.added < ROUND
-                    && let Some(interval) = ray.march.next(&field.occupancy)
+                    && let Some(interval) = ray.march.next(&field.occupancy, Spacing::Even)
                 {
                     self.intervals[ray.number].push(interval);
                     self.positions.push(interval.position);

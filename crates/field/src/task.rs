@@ -8,7 +8,8 @@ use fearless_simd::Simd;
 
 use crate::compare::{CompareRoom, Comparison};
 use crate::field::Field;
-use crate::head::MAX_CHANNELS;
+use crate::head::{ColoredSamples, MAX_CHANNELS};
+use crate::lift::Lifts;
 use crate::networks::{Room, Samples, from_blocks, into_blocks};
 use crate::options::FieldConfig;
 use crate::sampling::{Sampling, TrainingRay};
@@ -38,6 +39,8 @@ pub(crate) struct TaskRoom {
     compare: CompareRoom,
     densities: Vec<f32>,
     raw: Vec<f32>,
+    /// Pieces of the lifts' tables.
+    pieces: Vec<usize>,
     colors: Vec<f32>,
     weights: Vec<f32>,
     transmittance: Vec<f32>,
@@ -54,6 +57,7 @@ pub(crate) struct TaskRoom {
 pub(crate) struct StepContext<'a> {
     pub(crate) field: &'a Field,
     pub(crate) options: &'a FieldConfig,
+    pub(crate) lifts: Option<&'a Lifts>,
     /// Factor of a ray's loss in that of the step.
     pub(crate) share: f32,
     /// Weight of the distortion loss.
@@ -63,7 +67,7 @@ pub(crate) struct StepContext<'a> {
 impl Task {
     #[inline(always)]
     pub(crate) fn run<S: Simd>(&mut self, simd: S, context: StepContext<'_>, rays: &[TrainingRay], room: &mut TaskRoom) {
-        let StepContext { field, options, share, distortion_weight } = context;
+        let StepContext { field, options, lifts, share, distortion_weight } = context;
         let (networks, parameters) = (&field.networks, field.parameters());
         let (head, of_head) = (&networks.head, networks.of_head(&field.weights));
         let channels = head.kind.channels();
@@ -71,7 +75,7 @@ impl Task {
         let count = self.samples.len();
         networks.densities(simd, &field.grid, parameters, &self.samples.positions, &mut room.room, &mut room.densities);
         from_blocks(networks.colors(simd, parameters, &self.samples, &mut room.room), count, &mut room.raw);
-        head.forward(simd, of_head, &room.raw, &mut room.room.head, &mut room.colors);
+        head.forward(lifts, &room.raw, &mut room.pieces, &mut room.colors);
         for numbers in [&mut room.weights, &mut room.transmittance, &mut room.by_density] {
             numbers.resize(count, 0.0);
         }
@@ -102,7 +106,9 @@ impl Task {
             let distortion_weight = ray.weight * share * distortion_weight;
             composited.backward(by_color, distortion_weight, &mut room.by_density[of_ray], &mut room.by_colors[of_colors]);
         }
-        head.backward(simd, of_head, &room.raw, &mut room.room.head, &room.by_colors, &mut room.by_raw, by_head);
+        let TaskRoom { raw, pieces, colors, by_colors, by_raw, .. } = room;
+        let colored = ColoredSamples { raw, pieces, channels: colors, by_channels: by_colors };
+        head.backward(lifts, colored, by_raw, by_head);
         into_blocks(&room.by_raw, room.room.by_raw());
         let by_features = networks.backward(simd, parameters, &room.by_density, &mut room.room, in_front);
         self.by_features.clear();

@@ -212,9 +212,12 @@ impl FieldTrainer {
         let seed = random::bits(self.state.options.seed, u64::from(step));
         let rays = self.draw(seed);
         let (count, per_task) = (rays.len().max(1), rays.len().div_ceil(TASKS).max(1));
+        let networks = &self.field.networks;
+        let lifts = networks.head.lifts(networks.of_head(&self.field.weights));
         let context = StepContext {
             field: &self.field,
             options: &self.state.options,
+            lifts: lifts.as_ref(),
             share: (count as f32).recip(),
             distortion_weight: DISTORTION_WEIGHT,
         };

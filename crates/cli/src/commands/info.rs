@@ -180,7 +180,7 @@ fn describe_dataset(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs) -> Re
     // By the images' headers: before one is read.
     let needs = Mutex::new(None);
     let check = |plan: &ImagePlan| {
-        *needs.lock().unwrap_or_else(PoisonError::into_inner) = Some(RunMemory::new(plan, &TrainConfig::default(), false));
+        *needs.lock().unwrap_or_else(PoisonError::into_inner) = Some(RunMemory::new(plan, &TrainConfig::default(), None, false));
         Ok(())
     };
     let loading = Loading { check: Some(&check), ..Loading::default() };

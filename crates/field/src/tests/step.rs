@@ -159,7 +159,9 @@ fn total(field: &Field, options: &FieldConfig, task: &Task, table: &[f64], weigh
 #[track_caller]
 fn check(objective: Objective, network: FieldNetwork) {
     let (field, options) = fog(objective, network);
-    let context = StepContext { field: &field, options: &options, share: SHARE as f32, distortion_weight: DISTORTION as f32 };
+    let lifts = field.networks.head.lifts(field.networks.of_head(&field.weights));
+    let context =
+        StepContext { field: &field, options: &options, lifts: lifts.as_ref(), share: SHARE as f32, distortion_weight: DISTORTION as f32 };
     let (level, mut task, rays) = (Level::new(), Task::default(), rays());
     // Memory that another part of a step used before.
     let mut room = TaskRoom::default();

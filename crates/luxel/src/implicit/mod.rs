@@ -12,6 +12,7 @@
 mod anchor_files;
 mod field_files;
 mod files;
+mod kept_renders;
 mod launch;
 mod newest;
 mod objective;
@@ -21,6 +22,7 @@ mod trainer;
 
 use std::path::Path;
 
+pub(crate) use kept_renders::KeptRenders;
 pub(crate) use launch::seconds_per_step;
 pub use launch::{TrainedImplicit, fresh, resume};
 use luxel_core::{ColorModel, ColorSpace, RadianceScale, RasterConfig, Scene, Similarity, Splats};

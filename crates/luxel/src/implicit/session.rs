@@ -8,6 +8,7 @@ use luxel_core::{Dataset, Engine, RenderOptions, Scene};
 use luxel_metrics::{FieldOptions, FlipChoice, GainFit};
 
 use super::files;
+use super::kept_renders::KeptRenders;
 use super::trainer::{StepLoss, Trainer};
 use crate::error::{Context, bail};
 use crate::run::checkpoints::save_checkpoint;
@@ -232,8 +233,8 @@ impl ImplicitSession<'_> {
         let place = scene.place;
         self.launch.observer.event(Event::Saved { path });
         let images = folder.evaluation(iteration);
-        let mut engine = self.engine()?;
-        let mut rendering = self.rendering(&mut *engine, &place);
+        let mut engine = KeptRenders::new(self.engine()?);
+        let mut rendering = self.rendering(&mut engine, &place);
         let test = rendering.evaluate(&self.dataset.test, Some(&images), GainFit::None)?;
         let finished = self.trainer.is_finished();
         let train = if finished { rendering.evaluate(&self.dataset.train, None, GainFit::None)? } else { None };

@@ -10,7 +10,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use luxel_core::{Dataset, RadianceScale, Scene};
+use luxel_core::{Dataset, Engine, RadianceScale, Scene};
 use luxel_io::LoadOptions;
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips, SplitMetrics};
@@ -23,6 +23,7 @@ use super::report::Evaluated;
 use super::state::LoadedRun;
 use super::{Captures, Metrics, Rendering, RunCameras, RunConfig, RunFolder, log, report, state};
 use crate::error::{Context, bail};
+use crate::implicit::KeptRenders;
 use crate::{Event, Observer, Result, SelectedEngine, build_info, files, memory, output, schema};
 
 /// Choice of the metrics of an evaluation.
@@ -70,8 +71,9 @@ pub fn evaluate_run(
 ) -> Result<Vec<(&'static str, SplitMetrics)>> {
     let EvaluationData { path, load, dataset } = data;
     let LoadedRun { iteration, scene, selected, implicit } = state::load_newest(folder, config, selected, observer)?;
-    let SelectedEngine { mut engine, threads, computed_by, .. } = selected;
+    let SelectedEngine { engine, threads, computed_by, .. } = selected;
     let splats = engine.len();
+    let mut engine: Box<dyn Engine> = if implicit.is_some() { Box::new(KeptRenders::new(engine)) } else { engine };
     check_color_space(path, dataset, &scene)?;
     let is_own = output::is_same(path, &config.dataset_path(folder.root()));
     let cameras = if is_own { RunCameras::read_at(folder, iteration)? } else { RunCameras::default() };

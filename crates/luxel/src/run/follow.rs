@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use luxel_core::Exchange;
 use luxel_train::Trainer;
 
-use super::launch::{continue_with, limit_images, open_dataset};
+use super::launch::{RunStart, continue_with, limit_images, open_dataset};
 use super::ranks::{STATE, broadcast, views_of};
 use super::{Launch, Outcome, RunConfig, RunFolder};
 use crate::error::Context;
@@ -30,7 +30,8 @@ pub fn follow(
     let folder = RunFolder::at(&PathBuf::from(String::from_utf8_lossy(&root).into_owned()));
     let SelectedEngine { mut engine, gpu, .. } = open(&config)?;
     let launch = Launch { folder: &folder, observer: &Silent, stop };
-    let dataset = open_dataset(&config.dataset, &config, launch, gpu.is_some(), views_of(&*exchange, &config))?;
+    let start = RunStart { is_on_gpu: gpu.is_some(), scene_splats: None };
+    let dataset = open_dataset(&config.dataset, &config, launch, start, views_of(&*exchange, &config))?;
     limit_images(engine.as_mut(), &config);
     let state = broadcast(&mut *exchange, &[])?;
     let snapshot = luxel_io::decode_checkpoint(Path::new(STATE), &state)?;

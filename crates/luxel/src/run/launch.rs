@@ -86,9 +86,11 @@ pub fn fresh_over(
     config.to_toml().with_context(|| format!("{}: config.toml cannot hold these settings", config.dataset.display()))?;
     tell_settings(&mut *exchange, &config, launch.folder)?;
     let views = views_of(&*exchange, &config);
-    let dataset = open_dataset(&config.dataset_path(launch.folder.root()), &config, launch, gpu.is_some(), views)?;
+    let scene = first_scene(&config, launch.observer)?;
+    let start = RunStart { is_on_gpu: gpu.is_some(), scene_splats: scene.as_ref().map(|scene| scene.splats.len() as u64) };
+    let dataset = open_dataset(&config.dataset_path(launch.folder.root()), &config, launch, start, views)?;
     limit_images(engine.as_mut(), &config);
-    let trainer = first_trainer(&config, &dataset, engine, launch.observer)?.with_exchange(exchange);
+    let trainer = first_trainer(&config, scene, &dataset, engine)?.with_exchange(exchange);
     // Frozen geometry comes with the rasteriser's settings of its scene.
     let config = RunConfig { train: trainer.config().clone(), ..config };
     let lock = make_room(&dataset)?;
@@ -96,13 +98,17 @@ pub fn fresh_over(
     train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })
 }
 
+/// Reads the scene that a run starts from, if it does.
+fn first_scene(config: &RunConfig, observer: &dyn Observer) -> Result<Option<Scene>> {
+    config.run.from.as_deref().map(|path| Scene::open_reporting(path, observer)).transpose()
+}
+
 /// Returns the trainer before the first step: at the scene that the run starts from, or at new
 /// splats.
-fn first_trainer(config: &RunConfig, dataset: &CoreDataset, engine: Box<dyn Engine>, observer: &dyn Observer) -> Result<Trainer> {
-    let Some(path) = config.run.from.as_deref() else {
+fn first_trainer(config: &RunConfig, scene: Option<Scene>, dataset: &CoreDataset, engine: Box<dyn Engine>) -> Result<Trainer> {
+    let (Some(path), Some(scene)) = (config.run.from.as_deref(), scene) else {
         return Trainer::new(dataset, config.train.clone(), engine).context("cannot start training");
     };
-    let scene = Scene::open_reporting(path, observer)?;
     Trainer::from_scene(dataset, &scene, config.train.clone(), engine)
         .with_context(|| format!("{}: cannot start training from this scene", path.display()))
 }
@@ -133,7 +139,8 @@ pub fn resume_over(
     let (folder, observer) = (launch.folder, launch.observer);
     let path = config.find_dataset(folder.root(), Remedy::give("dataset"))?;
     tell_settings(&mut *exchange, &config, folder)?;
-    let dataset = open_dataset(&path, &config, launch, gpu.is_some(), views_of(&*exchange, &config))?;
+    let start = RunStart { is_on_gpu: gpu.is_some(), scene_splats: None };
+    let dataset = open_dataset(&path, &config, launch, start, views_of(&*exchange, &config))?;
     limit_images(engine.as_mut(), &config);
     let trainer = match state::take_checkpoint(folder, observer)? {
         Some((path, snapshot)) => {
@@ -144,7 +151,7 @@ pub fn resume_over(
         }
         None if folder.scene_iterations().is_empty() => {
             observer.note("the run ended before its first checkpoint; starting from the first step");
-            first_trainer(&config, &dataset, engine, observer)?
+            first_trainer(&config, first_scene(&config, observer)?, &dataset, engine)?
         }
         None => {
             let message = format!("{}: has scenes, but no checkpoint in checkpoints/ to continue from", folder.root().display());
@@ -157,14 +164,23 @@ pub fn resume_over(
     train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })
 }
 
+/// Facts that the memory of a run depends on, besides its settings and images.
+#[derive(Clone, Copy)]
+pub(super) struct RunStart {
+    pub(super) is_on_gpu: bool,
+    /// Splats of the scene that it starts from, if it does.
+    pub(super) scene_splats: Option<u64>,
+}
+
 /// Reads the data set of a run within its limit of memory for images. Says before what the run will
 /// take, and refuses what the system does not have.
-pub(super) fn open_dataset(path: &Path, config: &RunConfig, launch: Launch<'_>, is_on_gpu: bool, views: RankViews) -> Result<Dataset> {
+pub(super) fn open_dataset(path: &Path, config: &RunConfig, launch: Launch<'_>, start: RunStart, views: RankViews) -> Result<Dataset> {
+    let RunStart { is_on_gpu, scene_splats } = start;
     let cache = launch.folder.image_cache();
-    let check = |plan: &ImagePlan| RunMemory::new(plan, &config.train, is_on_gpu).check(plan, system_memory());
+    let check = |plan: &ImagePlan| RunMemory::new(plan, &config.train, scene_splats, is_on_gpu).check(plan, system_memory());
     let keep = |place| keeps(views, place);
     let limits = ImageLimits { image_memory: config.run.image_memory, cache: Some(&cache), check: Some(&check), keep: Some(&keep) };
-    let planned = |plan: &ImagePlan| launch.observer.note(&RunMemory::new(plan, &config.train, is_on_gpu).line());
+    let planned = |plan: &ImagePlan| launch.observer.note(&RunMemory::new(plan, &config.train, scene_splats, is_on_gpu).line());
     Dataset::open_planned(path, &config.load, limits, launch.observer, &planned)
 }
 

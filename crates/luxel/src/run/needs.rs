@@ -5,7 +5,7 @@
 //! is decoded or their limit, of the engine's buffers what a step and a measurement of the largest
 //! image hold, or the colours of the first splats, of splats their parameters with moments, mean
 //! and copies. A run whose number of splats is bounded by its data alone is held against those that
-//! it starts with; the bound is reported. Degenerate: where the system tells no limit, nothing is
+//! it starts with, of a given scene all; the bound is reported. Degenerate: where the system tells no limit, nothing is
 //! refused.
 
 use luxel_core::Remedy;
@@ -54,14 +54,15 @@ pub struct RunMemory {
 }
 
 impl RunMemory {
-    /// Returns the estimates for images as planned. On a GPU, the buffers of a step and the splats
-    /// are in its own memory.
-    pub fn new(plan: &ImagePlan, train: &TrainConfig, is_on_gpu: bool) -> Self {
-        Self::estimate(plan, train, is_on_gpu, memory::tile_bytes())
+    /// Returns the estimates for images as planned, and for a run that starts from a scene of
+    /// `scene_splats` splats, if it does. On a GPU, the buffers of a step and the splats are in its
+    /// own memory.
+    pub fn new(plan: &ImagePlan, train: &TrainConfig, scene_splats: Option<u64>, is_on_gpu: bool) -> Self {
+        Self::estimate(plan, train, scene_splats, is_on_gpu, memory::tile_bytes())
     }
 
     /// Returns the estimates with so many bytes for what a step may keep about tiles.
-    fn estimate(plan: &ImagePlan, train: &TrainConfig, is_on_gpu: bool, tile_bytes: u64) -> Self {
+    fn estimate(plan: &ImagePlan, train: &TrainConfig, scene_splats: Option<u64>, is_on_gpu: bool, tile_bytes: u64) -> Self {
         let samples = if is_on_gpu { 0 } else { u64::from(train.samples).pow(2) };
         let step_samples = samples * train.crop.map_or(plan.largest_px, |side| plan.largest_px.min(u64::from(side).pow(2)));
         let is_in_channels = train.method.has_own_steps();
@@ -78,8 +79,17 @@ impl RunMemory {
             false => 0,
         };
         let (limit, most_splats) = (train.splat_limit(plan.train_px) as u64, train.most_splats(plan.train_px) as u64);
-        let splats = train.max_splats.map_or(u64::from(train.init_points).min(limit), u64::from);
-        let first_colors = first_colors_bytes(splats, plan.images as u64);
+        // A scene is not cut to a limit.
+        let first = scene_splats.unwrap_or(u64::from(train.init_points).min(limit));
+        let (splats, most_splats) = match train.freezes_geometry() {
+            true => (first, first),
+            false => (train.max_splats.map_or(first, |most| first.max(most.into())), most_splats.max(first)),
+        };
+        // A scene brings its colours, unless it keeps its geometry alone.
+        let first_colors = match scene_splats.is_some() && !train.freezes_geometry() {
+            true => 0,
+            false => first_colors_bytes(first, plan.images as u64),
+        };
         let rows = ParameterRows { color_model: train.color_model() }.count() as u64;
         // Both moments of a parameter share its four bytes.
         let saved = u64::from(train.packs_moments());
@@ -141,6 +151,8 @@ impl RunMemory {
 
 #[cfg(test)]
 mod tests {
+    use luxel_train::Freeze;
+
     use super::*;
 
     fn plan(images: usize, px: u64, limit_bytes: u64) -> ImagePlan {
@@ -159,7 +171,7 @@ mod tests {
     #[test]
     fn what_cannot_fit_is_refused_with_what_helps() {
         let config = TrainConfig { max_splats: Some(1_000_000), ..TrainConfig::default() };
-        let of = |plan: &ImagePlan, config: &TrainConfig| RunMemory::estimate(plan, config, false, 1 << 30);
+        let of = |plan: &ImagePlan, config: &TrainConfig| RunMemory::estimate(plan, config, None, false, 1 << 30);
         let helps = |plan: &ImagePlan, config: &TrainConfig, limit| {
             let error = of(plan, config).check(plan, Some(limit)).unwrap_err();
             assert!(error.message.contains("more memory than the system allows"), "{error}");
@@ -179,9 +191,33 @@ mod tests {
         assert!(of(&large, &unbounded).check(&large, Some(32 << 30)).is_ok());
         assert!(of(&large, &unbounded).line().contains("for each further 100,000"));
         // Crops need less where steps hold the most, and so does a GPU.
-        let of_tiles = |config: &TrainConfig| RunMemory::estimate(&large, config, false, 8 << 30).total_bytes();
+        let of_tiles = |config: &TrainConfig| RunMemory::estimate(&large, config, None, false, 8 << 30).total_bytes();
         let crops = TrainConfig { crop: Some(1024), ..unbounded.clone() };
         assert!(of_tiles(&crops) < of_tiles(&unbounded));
-        assert!(RunMemory::estimate(&large, &unbounded, true, 1 << 30).total_bytes() < of(&large, &unbounded).total_bytes());
+        assert!(RunMemory::estimate(&large, &unbounded, None, true, 1 << 30).total_bytes() < of(&large, &unbounded).total_bytes());
+    }
+
+    #[test]
+    fn a_scene_counts_with_its_splats_and_without_first_colors() {
+        // Images so small that finding colours takes more than a step.
+        let plan = plan(100, 10_000, u64::MAX);
+        let config = TrainConfig { max_splats: None, ..TrainConfig::default() };
+        let of = |config: &TrainConfig, scene| RunMemory::estimate(&plan, config, scene, false, 0);
+        let (anew, from_scene) = (of(&config, None), of(&config, Some(3_000_000)));
+        assert_eq!(
+            (anew.splats, from_scene.splats),
+            (u64::from(config.init_points).min(config.splat_limit(plan.train_px) as u64), 3_000_000)
+        );
+        assert!(from_scene.most_splats >= 3_000_000 && from_scene.buffers_bytes < anew.buffers_bytes, "{from_scene:?} {anew:?}");
+        // A limit is for what the run may grow to: it starts with no more splats than without it.
+        let bounded = TrainConfig { max_splats: Some(5_000_000), init_points: 1000, ..config.clone() };
+        assert_eq!([None, Some(3_000_000), Some(6_000_000)].map(|scene| of(&bounded, scene).splats), [5_000_000, 5_000_000, 6_000_000]);
+        let few = TrainConfig { init_points: 1000, ..config.clone() };
+        assert_eq!(of(&bounded, None).buffers_bytes, of(&few, None).buffers_bytes);
+        assert!(of(&bounded, None).buffers_bytes < anew.buffers_bytes);
+        // Frozen geometry stays as it is, and gets its colours from the images.
+        let frozen = of(&TrainConfig { freeze: Freeze::Geometry, ..bounded }, Some(3_000_000));
+        assert_eq!((frozen.splats, frozen.most_splats), (3_000_000, 3_000_000));
+        assert!(frozen.buffers_bytes > from_scene.buffers_bytes);
     }
 }

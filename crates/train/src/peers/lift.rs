@@ -75,7 +75,7 @@ impl Lift {
     /// Checks networks read from a file.
     pub(crate) fn validate(&self, units: u32) -> Result<(), TrainError> {
         for (line, adam) in self.lines.iter().zip(&self.adam) {
-            line.validate(units as usize, OUTPUTS)?;
+            line.validate(units as usize, OUTPUTS).map_err(TrainError::State)?;
             adam.validate(line.numbers().len())?;
         }
         Ok(())

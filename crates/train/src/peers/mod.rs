@@ -27,7 +27,6 @@ mod mono_hdr_gs;
 mod pair;
 mod pair_channels;
 mod radiance_loss;
-mod relu_line;
 mod soft_network;
 #[cfg(test)]
 pub(crate) mod testing;
@@ -35,6 +34,7 @@ mod tone_mappers;
 
 use luxel_core::engine::PlanRow;
 use luxel_core::{Dataset, Knots};
+use luxel_networks::relu_line;
 use serde::{Deserialize, Serialize};
 
 pub(crate) use self::adam::Adam;

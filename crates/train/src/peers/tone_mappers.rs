@@ -96,7 +96,7 @@ impl ToneMappers {
             return Err(TrainError::State(format!("tone mappers for exposures around {} s", self.reference_s)));
         }
         for (line, adam) in self.lines.iter().zip(&self.adam) {
-            line.validate(units as usize, 1)?;
+            line.validate(units as usize, 1).map_err(TrainError::State)?;
             adam.validate(line.numbers().len())?;
         }
         Ok(())

@@ -16,13 +16,11 @@ use std::hint::select_unpredictable;
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
-
 /// A network: its numbers are the units' weights, the units' biases, and for each output the
 /// units' outgoing weights and a bias.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct ReluLine {
+pub struct ReluLine {
     units: usize,
     outputs: usize,
     numbers: Vec<f32>,
@@ -44,7 +42,7 @@ struct Break {
 
 /// The network as pieces.
 #[derive(Clone, Debug)]
-pub(crate) struct LineTable {
+pub struct LineTable {
     /// In ascending order.
     breaks: Vec<Break>,
     /// Their places, filled up with infinity to a power of two.
@@ -55,9 +53,11 @@ pub(crate) struct LineTable {
 
 /// A value of an output, and its derivative by the input.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct LineValue {
-    pub(crate) value: f64,
-    pub(crate) slope: f64,
+pub struct LineValue {
+    /// The value.
+    pub value: f64,
+    /// Its derivative.
+    pub slope: f64,
 }
 
 /// Sums of the gradient by an output's values on one piece.
@@ -71,36 +71,45 @@ struct PieceSums {
 
 /// Sums for all pieces of all outputs.
 #[derive(Clone, Debug)]
-pub(crate) struct LineSums(Vec<Vec<PieceSums>>);
+pub struct LineSums(Vec<Vec<PieceSums>>);
 
 impl ReluLine {
     /// Makes a network whose numbers are uniform within 1 / sqrt(inputs of their layer), as
     /// PyTorch's linear layers begin.
-    pub(crate) fn random(units: usize, outputs: usize, rng: &mut impl Rng) -> Self {
+    pub fn random(units: usize, outputs: usize, rng: &mut impl Rng) -> Self {
         let layer = (units as f32).sqrt().recip();
         let bounds = std::iter::repeat_n(1.0, 2 * units).chain(std::iter::repeat_n(layer, outputs * (units + 1)));
         let numbers = bounds.map(|bound: f32| rng.random_range(-bound..bound)).collect();
         Self { units, outputs, numbers }
     }
 
+    /// Returns a network of these numbers, in the order of the type.
+    pub fn from_numbers(units: usize, outputs: usize, numbers: Vec<f32>) -> Self {
+        debug_assert_eq!(numbers.len(), 2 * units + outputs * (units + 1));
+        Self { units, outputs, numbers }
+    }
+
     /// Returns the numbers.
-    pub(crate) fn numbers(&self) -> &[f32] {
+    pub fn numbers(&self) -> &[f32] {
         &self.numbers
     }
 
     /// Returns the numbers, to be changed.
-    pub(crate) fn numbers_mut(&mut self) -> &mut [f32] {
+    pub fn numbers_mut(&mut self) -> &mut [f32] {
         &mut self.numbers
     }
 
     /// Checks a network read from a file.
-    pub(crate) fn validate(&self, units: usize, outputs: usize) -> Result<(), TrainError> {
+    ///
+    /// # Errors
+    /// Other sizes than these, a number that is not finite: what is expected.
+    pub fn validate(&self, units: usize, outputs: usize) -> Result<(), String> {
         let expected = 2 * units + outputs * (units + 1);
         let is_whole = self.units == units && self.outputs == outputs && self.numbers.len() == expected;
         if is_whole && self.numbers.iter().all(|v| v.is_finite()) {
             return Ok(());
         }
-        Err(TrainError::State(format!("a network of {units} units and {outputs} outputs has other numbers than its {expected}")))
+        Err(format!("a network of {units} units and {outputs} outputs has other numbers than its {expected}"))
     }
 
     fn weight(&self, unit: usize) -> f64 {
@@ -121,7 +130,7 @@ impl ReluLine {
     }
 
     /// Returns the table.
-    pub(crate) fn table(&self) -> LineTable {
+    pub fn table(&self) -> LineTable {
         let bending = (0..self.units).filter(|unit| self.weight(*unit) != 0.0);
         let mut breaks: Vec<Break> = bending.map(|unit| Break { at: -self.bias(unit) / self.weight(unit), unit }).collect();
         breaks.sort_by(|a, b| a.at.total_cmp(&b.at).then(a.unit.cmp(&b.unit)));
@@ -156,7 +165,7 @@ impl ReluLine {
     }
 
     /// Returns the gradient by the numbers.
-    pub(crate) fn gradient(&self, table: &LineTable, sums: &LineSums) -> Vec<f64> {
+    pub fn gradient(&self, table: &LineTable, sums: &LineSums) -> Vec<f64> {
         let mut gradient = vec![0.0; self.numbers.len()];
         for (output, sums) in sums.0.iter().enumerate() {
             // Sums over the pieces before each one, and over all at the end.
@@ -190,13 +199,13 @@ impl ReluLine {
 impl LineTable {
     /// Returns the piece of an input.
     #[inline]
-    pub(crate) fn piece(&self, s: f64) -> usize {
+    pub fn piece(&self, s: f64) -> usize {
         self.pieces(&[s])[0]
     }
 
     /// Returns the pieces of inputs, whose searches do not wait for one another.
     #[inline]
-    pub(crate) fn pieces<const N: usize>(&self, inputs: &[f64; N]) -> [usize; N] {
+    pub fn pieces<const N: usize>(&self, inputs: &[f64; N]) -> [usize; N] {
         let (mut first, mut len) = ([0; N], self.places.len());
         while len > 1 {
             len /= 2;
@@ -210,13 +219,13 @@ impl LineTable {
 
     /// Returns an output at an input on `piece`.
     #[inline]
-    pub(crate) fn value(&self, output: usize, piece: usize, s: f64) -> LineValue {
+    pub fn value(&self, output: usize, piece: usize, s: f64) -> LineValue {
         let Piece { slope, offset } = self.pieces[output][piece];
         LineValue { value: slope * s + offset, slope }
     }
 
     /// Returns sums of zero.
-    pub(crate) fn sums(&self) -> LineSums {
+    pub fn sums(&self) -> LineSums {
         LineSums(self.pieces.iter().map(|pieces| vec![PieceSums::default(); pieces.len()]).collect())
     }
 }
@@ -224,14 +233,14 @@ impl LineTable {
 impl LineSums {
     /// Adds the gradient by an output's value at an input on `piece`.
     #[inline]
-    pub(crate) fn add(&mut self, output: usize, piece: usize, s: f64, gradient: f64) {
+    pub fn add(&mut self, output: usize, piece: usize, s: f64, gradient: f64) {
         let sum = &mut self.0[output][piece];
         sum.gradient += gradient;
         sum.moment += gradient * s;
     }
 
     /// Adds the sums of others.
-    pub(crate) fn merge(&mut self, other: &Self) {
+    pub fn merge(&mut self, other: &Self) {
         for (sum, part) in self.0.iter_mut().flatten().zip(other.0.iter().flatten()) {
             sum.gradient += part.gradient;
             sum.moment += part.moment;
