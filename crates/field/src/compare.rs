@@ -6,10 +6,11 @@
 
 use fearless_simd::Simd;
 
-use crate::head::{Head, RAW};
+use crate::head::Head;
 use crate::loss::PixelLoss;
 use crate::objective::Objective;
 use crate::options::FieldConfig;
+use crate::raw::RAW;
 use crate::sampling::TrainingRay;
 use luxel_networks::Activations;
 

@@ -8,9 +8,8 @@ use luxel_networks::{Activations, LANES, Network};
 use serde::{Deserialize, Serialize};
 
 use crate::lift::{LIFT, Lifts, UNITS};
+use crate::raw::{ColoredSamples, RAW, logistic, softplus};
 
-/// Raw colours of a sample.
-pub(crate) const RAW: usize = 3;
 /// Largest logarithm of radiance: the exponential and its gradient stay in range.
 const MAX_LOG_RADIANCE: f32 = 20.0;
 /// Most channels that a sample has.
@@ -27,19 +26,6 @@ pub enum ColorHead {
     Log,
     /// Their logistic is a captured value, of which a network for each channel makes radiance.
     Lifted,
-}
-
-/// Samples with what was computed of them, and the gradient by their channels.
-#[derive(Clone, Copy)]
-pub(crate) struct ColoredSamples<'a> {
-    /// Raw colours, `[samples, 3]`.
-    pub(crate) raw: &'a [f32],
-    /// Pieces of the lifts' tables, `[samples, 3]`; none without lifts.
-    pub(crate) pieces: &'a [usize],
-    /// `[samples, channels]`.
-    pub(crate) channels: &'a [f32],
-    /// Gradient by the channels, of their shape.
-    pub(crate) by_channels: &'a [f32],
 }
 
 /// A head with the networks that belong to it, one for each channel.
@@ -136,16 +122,4 @@ pub(crate) fn fill_inputs(network: &Network, values: impl ExactSizeIterator<Item
         last.0.fill(0.0);
     }
     values.enumerate().for_each(|(i, value)| inputs[i / LANES].0[i % LANES] = value);
-}
-
-/// Returns ln(1 + e^x).
-#[inline]
-pub(crate) fn softplus(x: f32) -> f32 {
-    x.max(0.0) + (-x.abs()).exp().ln_1p()
-}
-
-/// Returns the derivative of [`softplus`]: 1 / (1 + e^-x).
-#[inline]
-pub(crate) fn logistic(x: f32) -> f32 {
-    (1.0 + (-x).exp()).recip()
 }

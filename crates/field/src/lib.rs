@@ -19,6 +19,7 @@ mod networks;
 mod objective;
 mod occupancy;
 mod options;
+mod raw;
 mod render;
 mod sampling;
 mod space;

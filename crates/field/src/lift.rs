@@ -1,14 +1,14 @@
 //! The lift from captured values to radiance, of Mono-HDR-NeRF.
 //!
 //! In: raw colours of samples, whose logistic is the captured value l. Out: radiance
-//! softplus(l + max(X, 0) max(R, 0) + Y), where (X, R, Y) are the outputs of a network of one hidden
-//! layer of the channel at l (Mono-HDR-GS, Mono-HDR-NeRF), and the exact gradient by raw colours and
-//! weights. The networks are tables of straight pieces ([`luxel_networks::relu_line`]): a value is a
-//! search, not a sum over the units.
+//! softplus(l + max(X, 0) max(R, 0) + Y), where (X, R, Y) are the outputs of a network of one
+//! hidden layer of the channel at l (Mono-HDR-GS, Mono-HDR-NeRF), and the exact gradient by raw
+//! colours and weights. The networks are tables of straight pieces
+//! ([`luxel_networks::relu_line`]): a value is a search, not a sum over the units.
 
 use luxel_networks::relu_line::{LineTable, LineValue, ReluLine};
 
-use crate::head::{ColoredSamples, RAW, logistic, softplus};
+use crate::raw::{ColoredSamples, RAW, logistic, softplus};
 
 /// Hidden units of a network of one channel, of the lift and of the tone mapper.
 pub(crate) const UNITS: usize = 128;
@@ -33,8 +33,8 @@ impl Lifts {
         Self { lines, tables }
     }
 
-    /// Writes the channels of samples, `[samples, 6]`, and the pieces of the tables, `[samples, 3]`,
-    /// given raw colours, `[samples, 3]`.
+    /// Writes the channels of samples, `[samples, 6]`, and the pieces of the tables, `[samples,
+    /// 3]`, given raw colours, `[samples, 3]`.
     pub(crate) fn forward(&self, raw: &[f32], pieces: &mut [usize], channels: &mut [f32]) {
         let samples = raw.as_chunks::<RAW>().0.iter().zip(pieces.as_chunks_mut::<RAW>().0);
         for ((raw, pieces), channels) in samples.zip(channels.as_chunks_mut::<CHANNELS>().0) {

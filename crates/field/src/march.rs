@@ -89,7 +89,8 @@ impl March {
         Interval { middle, length, position }
     }
 
-    /// Returns the number of whole intervals from one, whose middle is in a cell, to the cell's end.
+    /// Returns the number of whole intervals from one, whose middle is in a cell, to the end of
+    /// the cell.
     #[inline]
     fn rest_of_cell(&self, interval: &Interval, cell: [usize; 3], occupancy: &Occupancy) -> f32 {
         let mut rest = f32::INFINITY;

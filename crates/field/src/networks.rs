@@ -10,7 +10,8 @@ use std::ops::Range;
 use fearless_simd::Simd;
 
 use crate::grid::Grid;
-use crate::head::{ColorHead, Head, RAW};
+use crate::head::{ColorHead, Head};
+use crate::raw::RAW;
 use crate::trunk::{FieldNetwork, Parameters, Trunk, TrunkRoom};
 use luxel_networks::{Activations, Network};
 use luxel_networks::{LANES, Lanes, resize};

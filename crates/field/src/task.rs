@@ -8,10 +8,11 @@ use fearless_simd::Simd;
 
 use crate::compare::{CompareRoom, Comparison};
 use crate::field::Field;
-use crate::head::{ColoredSamples, MAX_CHANNELS};
+use crate::head::MAX_CHANNELS;
 use crate::lift::Lifts;
 use crate::networks::{Room, Samples, from_blocks, into_blocks};
 use crate::options::FieldConfig;
+use crate::raw::ColoredSamples;
 use crate::sampling::{Sampling, TrainingRay};
 use crate::volume::{Composited, Intervals, composite};
 use luxel_networks::Lanes;

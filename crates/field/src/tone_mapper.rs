@@ -13,7 +13,8 @@ use luxel_core::{Knots, RESPONSE_KNOTS};
 
 use crate::adam::{Moving, Rate};
 use crate::field::Field;
-use crate::head::{ColorHead, Head, RAW, fill_inputs, logistic};
+use crate::head::{ColorHead, Head, fill_inputs};
+use crate::raw::{RAW, logistic};
 use luxel_networks::Activations;
 use luxel_networks::LANES;
 

@@ -52,6 +52,19 @@ pub fn check(work: &str, bytes: u64, instead: &'static str) -> Result<()> {
     Err(Error::new(message).with_remedy(Remedy::advice(instead).or(Remedy::raise("memory"))))
 }
 
+/// Asks the system for the memory of work at once, and gives it back: an allocation that fails in
+/// the middle of it would end the process. `work` names it, `instead` says what to do in its place.
+///
+/// # Errors
+/// The system refuses; with the number.
+pub fn check_room(work: &str, bytes: u64, instead: &'static str) -> Result<()> {
+    if usize::try_from(bytes).is_ok_and(|bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok()) {
+        return Ok(());
+    }
+    let message = format!("{work} takes about {} of memory, which the system refuses", crate::text::bytes(bytes));
+    Err(Error::new(message).with_remedy(Remedy::advice(instead)))
+}
+
 /// Returns what a step on the processor may keep about tiles of the image, bytes: an eighth of the
 /// memory that the system allows, within limits.
 pub fn tile_bytes() -> u64 {
@@ -86,6 +99,13 @@ mod tests {
         check_render([1920, 1080], 2).unwrap();
         let error = check_render([u32::MAX, u32::MAX], 1).unwrap_err();
         assert!(error.to_string().starts_with("rendering 4294967295 x 4294967295 pixels takes about"), "{error}");
+    }
+
+    #[test]
+    fn memory_that_the_system_refuses_is_an_error() {
+        check_room("a small thing", 1 << 20, "wait").unwrap();
+        let error = check_room("a large thing", u64::MAX / 4, "do without").unwrap_err();
+        assert!(error.to_string().starts_with("a large thing takes about"), "{error}");
     }
 
     #[test]

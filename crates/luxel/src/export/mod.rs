@@ -24,6 +24,7 @@ use luxel_io::{Appearance, BakeOptions, Baked, SpzPositions, SpzVersion};
 pub use self::error::{BakeError, BakeErrorValues};
 pub use self::format::Format;
 use self::refine::Refinement;
+pub(crate) use self::refine::check_refinement_room;
 pub use self::refine::{DEFAULT_REFINE_STEPS, write_with_refined_display};
 use self::world::placement;
 pub(crate) use self::world::up_of_cameras;

@@ -17,13 +17,14 @@ use std::path::Path;
 use std::time::Instant;
 
 use luxel_core::engine::{AdamBetas, CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
-use luxel_core::{Dataset, Engine, LossWeights, PixelValues, Scene, Similarity, Target, ToneCurve, View};
+use luxel_core::{ColorModel, Dataset, Engine, LossWeights, PixelValues, Scene, Similarity, Target, ToneCurve, View};
 use luxel_io::{Appearance, BakeOptions, Baked};
 
 use super::error::reference;
 use super::gain::{GainView, Gains, exposed};
 use crate::error::Context;
-use crate::{Event, Observer, Result, text};
+use crate::run::engine_bytes;
+use crate::{Event, Observer, Result, memory, text};
 
 /// Steps of refinement unless a number is given: the error falls to a tenth and further steps add
 /// little.
@@ -60,11 +61,30 @@ impl Refinement {
     }
 }
 
+/// Returns the views of a data set that a refinement compares with.
+fn shown(dataset: &Dataset) -> &[View] {
+    if dataset.train.is_empty() { &dataset.test } else { &dataset.train }
+}
+
 /// Returns a view without its image, whose camera has at most [`MOST_PIXELS`].
 fn reduced(view: &View) -> View {
     let pixels = |factor: u32| view.camera.size_px.map(|side| u64::from(side / factor)).iter().product::<u64>();
     let factor = (1..).find(|factor| pixels(*factor) <= MOST_PIXELS).unwrap_or(1);
     View { camera: view.camera.downscaled(factor), ..view.clone() }
+}
+
+/// Checks that there is memory for the largest parts of [`write_with_refined_display`] on a
+/// processor: the engine's splats and buffers, with the bake, and the targets of all views.
+///
+/// # Errors
+/// The system refuses it.
+pub(crate) fn check_refinement_room(scene: &Scene, dataset: &Dataset) -> Result<()> {
+    let views = Refinement::DEFAULT.views(shown(dataset));
+    let pixels: Vec<u64> = views.iter().map(|view| view.camera.size_px.map(u64::from).iter().product()).collect();
+    let largest = pixels.iter().copied().max().unwrap_or(0);
+    let engine = engine_bytes(scene.splats.len() as u64, ColorModel::Sh { degree: 3 }, largest);
+    let targets = pixels.iter().sum::<u64>().saturating_mul(size_of::<[f32; 3]>() as u64);
+    memory::check_room("refining the display bake", engine.saturating_add(targets), "leave the refinement out, or allow more memory")
 }
 
 /// Writes a scene with a display layer that is refined on the views of `dataset`, by default within
@@ -120,7 +140,7 @@ pub(super) fn refine(
 ) -> Result<()> {
     let start = Instant::now();
     let steps = refinement.steps;
-    let views = refinement.views(if dataset.train.is_empty() { &dataset.test } else { &dataset.train });
+    let views = refinement.views(shown(dataset));
     let (targets, gains) = targets(baked, scene, &views, engine)?;
     let views = targets.len();
     gains.apply(baked, scene);

@@ -72,7 +72,6 @@ pub fn evaluate_run(
     let EvaluationData { path, load, dataset } = data;
     let LoadedRun { iteration, scene, selected, implicit } = state::load_newest(folder, config, selected, observer)?;
     let SelectedEngine { engine, threads, computed_by, .. } = selected;
-    let splats = engine.len();
     let mut engine: Box<dyn Engine> = if implicit.is_some() { Box::new(KeptRenders::new(engine)) } else { engine };
     check_color_space(path, dataset, &scene)?;
     let is_own = output::is_same(path, &config.dataset_path(folder.root()));
@@ -118,7 +117,7 @@ pub fn evaluate_run(
     let metrics = Metrics {
         method: config.method_name(),
         iterations: iteration,
-        splats,
+        splats: engine.len(),
         field_parameters: implicit.and_then(|implicit| implicit.field_parameters),
         train_seconds: spent.map_or(0.0, |record| record.elapsed_s),
         train_cpu_seconds: spent.and_then(|record| record.cpu_s),

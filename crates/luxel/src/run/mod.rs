@@ -67,5 +67,6 @@ pub use launch::{Launch, TrainedRun, fresh, fresh_over, resume, resume_over};
 pub use live::LiveRun;
 pub use log::LogRecord;
 pub use needs::RunMemory;
+pub(crate) use needs::engine_bytes;
 pub use plots::PlotLog;
 pub use session::{EXIT_INTERRUPTED, Outcome, Session};

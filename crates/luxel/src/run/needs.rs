@@ -5,11 +5,11 @@
 //! is decoded or their limit, of the engine's buffers what a step and a measurement of the largest
 //! image hold, or the colours of the first splats, of splats their parameters with moments, mean
 //! and copies. A run whose number of splats is bounded by its data alone is held against those that
-//! it starts with, of a given scene all; the bound is reported. Degenerate: where the system tells no limit, nothing is
-//! refused.
+//! it starts with, of a given scene all; the bound is reported. Degenerate: where the system tells
+//! no limit, nothing is refused.
 
-use luxel_core::Remedy;
 use luxel_core::engine::ParameterRows;
+use luxel_core::{ColorModel, Remedy};
 use luxel_io::{ImagePlan, IoError, system_memory};
 use luxel_train::{TrainConfig, first_colors_bytes};
 
@@ -35,6 +35,14 @@ const COPIES: u64 = 7;
 const SPLAT_BYTES: u64 = 160;
 /// Memory of the program without a scene.
 const BASE_BYTES: u64 = 100 << 20;
+
+/// Returns the memory that an engine on a processor takes with so many splats of a colour model,
+/// their moments and gradient, and the bytes of its steps on images of so many pixels.
+pub(crate) fn engine_bytes(splats: u64, color_model: ColorModel, largest_px: u64) -> u64 {
+    let rows = ParameterRows { color_model }.count() as u64;
+    let step = STEP_PIXEL_BYTES * largest_px + memory::tile_bytes().min(TILE_PIXEL_BYTES * largest_px);
+    splats.saturating_mul(4 * COPIES * rows + SPLAT_BYTES).saturating_add(step)
+}
 
 /// Estimates of the memory that a run takes, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -8,7 +8,6 @@
 //! `docs/src/guide/published-methods.md`. Degenerate: a camera that sees no anchor sees the
 //! background.
 
-mod check;
 mod decode;
 mod decoders;
 mod engine;
@@ -25,7 +24,6 @@ mod tests;
 mod trainer;
 mod visible;
 
-pub(crate) use self::check::check_anchor_options;
 pub use self::engine::AnchorEngine;
 pub use self::saved::{AnchorArray, AnchorSnapshot};
 pub use self::scene::{AnchorScene, Anchors};

@@ -3,7 +3,6 @@
 use super::spec::Condition;
 use super::{Freeze, OPTIONS, OptionSpec, TrainConfig};
 use crate::TrainError;
-use crate::anchors::check_anchor_options;
 use crate::peers::check_options;
 
 /// An option that is set although a choice that it depends on was not made.
@@ -44,7 +43,6 @@ impl TrainConfig {
             return Err(TrainError::config("refine_poses", reason.to_owned()));
         }
         check_options(self)?;
-        check_anchor_options(self)?;
         self.validate_decays()
     }
 

@@ -15,7 +15,7 @@ use super::super::log::LOG_EVERY;
 use super::super::test_curve::TestCurve;
 use super::super::{Captures, RunCameras, report, vignetting_text};
 use super::{LoopState, Session};
-use crate::export::write_with_refined_display;
+use crate::export::{check_refinement_room, write_with_refined_display};
 use crate::{Event, Result, SelectedEngine, build_info, files, memory, schema};
 
 /// Time and memory that training took before an evaluation.
@@ -146,6 +146,11 @@ impl Session<'_> {
         let steps = self.config.run.refine_display;
         if self.trainer.is_finished() && steps > 0 && !scene.splats.is_empty() {
             let refined = SelectedEngine::open(&self.config.device).and_then(|mut selected| {
+                if selected.gpu.is_none() {
+                    // An allocation that failed in the middle of it would end the run before its
+                    // metrics.
+                    check_refinement_room(&scene, &self.refined_dataset())?;
+                }
                 write_with_refined_display(path, &scene, &self.refined_dataset(), steps, selected.engine.as_mut(), self.observer)
             });
             match refined {

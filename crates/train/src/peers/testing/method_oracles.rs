@@ -7,6 +7,7 @@ use super::oracle::{Pixels, Point, Weights, all, blend, dissimilarity, exact, im
 use super::{GradientScene, SIDE};
 use crate::TrainConfig;
 use crate::config::HdrNormalisation;
+use crate::peers::gauss_tone::GaussTone;
 use luxel_core::View;
 
 const WIDTH: usize = SIDE as usize;
@@ -168,6 +169,11 @@ impl GaussOracle<'_> {
         let unit = |c: usize| (global_value(&point.shared, c, 0.0) - self.unit_value).powi(2);
         of_images + of_uncertainty(&u3, &d3) + of_uncertainty(&u2, &d2) + 0.5 * (0..3).map(unit).sum::<f64>() / 3.0
     }
+}
+
+/// Returns the numbers of tone networks, one after another.
+pub(crate) fn tone_numbers(tone: &GaussTone) -> Vec<f64> {
+    joined(tone.numbers())
 }
 
 /// Returns numbers of networks, one after another, in f64.

@@ -1,0 +1,29 @@
+//! Raw colours of samples, and the functions that make colours of them.
+
+/// Raw colours of a sample.
+pub(crate) const RAW: usize = 3;
+
+/// Samples with what was computed of them, and the gradient by their channels.
+#[derive(Clone, Copy)]
+pub(crate) struct ColoredSamples<'a> {
+    /// Raw colours, `[samples, 3]`.
+    pub(crate) raw: &'a [f32],
+    /// Pieces of the lifts' tables, `[samples, 3]`; none without lifts.
+    pub(crate) pieces: &'a [usize],
+    /// `[samples, channels]`.
+    pub(crate) channels: &'a [f32],
+    /// Gradient by the channels, of their shape.
+    pub(crate) by_channels: &'a [f32],
+}
+
+/// Returns ln(1 + e^x).
+#[inline]
+pub(crate) fn softplus(x: f32) -> f32 {
+    x.max(0.0) + (-x.abs()).exp().ln_1p()
+}
+
+/// Returns the derivative of [`softplus`]: 1 / (1 + e^-x).
+#[inline]
+pub(crate) fn logistic(x: f32) -> f32 {
+    (1.0 + (-x).exp()).recip()
+}
