@@ -82,10 +82,7 @@ impl March {
     #[inline]
     fn interval(&self, length: f32) -> Interval {
         let middle = self.at + 0.5 * length;
-        let mut position = [0.0; 3];
-        for axis in 0..3 {
-            position[axis] = self.ray.origin[axis] + middle * self.ray.direction[axis];
-        }
+        let position = std::array::from_fn(|axis| self.ray.origin[axis] + middle * self.ray.direction[axis]);
         Interval { middle, length, position }
     }
 
@@ -93,11 +90,11 @@ impl March {
     /// the cell.
     #[inline]
     fn rest_of_cell(&self, interval: &Interval, cell: [usize; 3], occupancy: &Occupancy) -> f32 {
-        let mut rest = f32::INFINITY;
-        for axis in 0..3 {
+        let to_border = |axis: usize| {
             let border = (cell[axis] as f32 + if self.ray.direction[axis] > 0.0 { 1.0 } else { 0.0 }) / occupancy.side() as f32;
-            rest = rest.min((border - interval.position[axis]) * self.inverse[axis]);
-        }
+            (border - interval.position[axis]) * self.inverse[axis]
+        };
+        let rest = (0..3).map(to_border).fold(f32::INFINITY, f32::min);
         (rest.max(0.0) / interval.length).ceil().max(1.0)
     }
 }
