@@ -71,17 +71,24 @@ impl<const N: usize> SoftNetwork<N> {
         }
     }
 
-    /// Returns the arguments of a hidden unit.
+    /// Returns the part of a hidden unit's arguments that all inputs but the first make up.
     #[inline(always)]
-    fn arguments<S: Simd>(simd: S, unit: &[f32], inputs: &Pair<S, N>) -> [f32x16<S>; 2] {
+    fn rest_of_arguments<S: Simd>(simd: S, unit: &[f32], inputs: &Pair<S, N>) -> [f32x16<S>; 2] {
         let bias = f32x16::splat(simd, unit[N]);
         let mut z = [bias; 2];
-        for k in 0..N {
+        for k in 1..N {
             let weight = f32x16::splat(simd, unit[k]);
             z[0] = inputs[0][k].mul_add(weight, z[0]);
             z[1] = inputs[1][k].mul_add(weight, z[1]);
         }
         z
+    }
+
+    /// Returns the arguments of a hidden unit.
+    #[inline(always)]
+    fn arguments<S: Simd>(simd: S, unit: &[f32], inputs: &Pair<S, N>) -> [f32x16<S>; 2] {
+        let (rest, weight) = (Self::rest_of_arguments(simd, unit, inputs), f32x16::splat(simd, unit[0]));
+        each!([0, 1] b => inputs[b][0].mul_add(weight, rest[b]))
     }
 
     /// Returns the outputs of two blocks of items.
@@ -124,19 +131,6 @@ impl<const N: usize> SoftNetwork<N> {
         }
         add(simd, &mut sums[Self::NUMBERS - 1], by[0] + by[1]);
         by_inputs
-    }
-
-    /// Returns the part of a hidden unit's arguments that all inputs but the first make up.
-    #[inline(always)]
-    fn rest_of_arguments<S: Simd>(simd: S, unit: &[f32], inputs: &Pair<S, N>) -> [f32x16<S>; 2] {
-        let bias = f32x16::splat(simd, unit[N]);
-        let mut z = [bias; 2];
-        for k in 1..N {
-            let weight = f32x16::splat(simd, unit[k]);
-            z[0] = inputs[0][k].mul_add(weight, z[0]);
-            z[1] = inputs[1][k].mul_add(weight, z[1]);
-        }
-        z
     }
 
     /// Returns the outputs of two blocks of items for each of `C` numbers in place of the first
