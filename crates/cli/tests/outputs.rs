@@ -42,6 +42,7 @@ fn frames_are_kept_where_equal_and_replaced_on_request_where_not() {
         &["--edit", "gain 2"][..],
         &["--alpha"],
         &["--depth"],
+        &["--normals"],
         &["--output-color-space", "acescg"],
         &["--samples", "2"],
         &["--exr-type", "float"],

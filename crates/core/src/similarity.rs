@@ -80,6 +80,12 @@ impl Similarity {
         self.scale
     }
 
+    /// Returns directions, turned.
+    pub fn turned(&self, directions: &[[f32; 3]]) -> Vec<[f32; 3]> {
+        let rotation = self.rotation().as_mat3();
+        directions.iter().map(|direction| (rotation * glam::Vec3::from(*direction)).to_array()).collect()
+    }
+
     /// Returns whether the transform changes nothing.
     pub fn is_identity(&self) -> bool {
         *self == Self::IDENTITY

@@ -221,6 +221,11 @@ impl Engine for CpuEngine {
         Ok(self.pool.install(|| self.state.render_layers(&camera)))
     }
 
+    fn render_normals(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Vec<[f32; 3]>, EngineError> {
+        let camera = checked_camera(camera, options, &mut self.lenses)?;
+        Ok(self.pool.install(|| self.state.render_normals(&camera)))
+    }
+
     fn render_deep(&mut self, camera: &Camera, options: &RenderOptions, most_samples: usize) -> Result<DeepImage, EngineError> {
         let camera = checked_camera(camera, options, &mut self.lenses)?;
         self.pool.install(|| self.state.render_deep(&camera, most_samples))

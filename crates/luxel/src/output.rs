@@ -134,6 +134,8 @@ pub struct FrameForm {
     pub alpha: bool,
     /// Whether there is a channel of depth.
     pub depth: bool,
+    /// Whether there are channels of normals.
+    pub normals: bool,
 }
 
 /// A digest of everything that decides the content of a file.
@@ -184,9 +186,11 @@ impl Recipe {
 
     /// Returns the recipe of all frames of a scene in a form, but for their cameras.
     pub fn of_frames(scene: &Scene, options: &RenderOptions, form: FrameForm) -> Self {
-        let FrameForm { color_space, exr_type, alpha, depth } = form;
+        let FrameForm { color_space, exr_type, alpha, depth, normals } = form;
         let recipe = Self::of_scene(scene, options).with("output_color_space", color_space.name());
-        recipe.with("exr_type", format_args!("{exr_type:?}")).with("alpha", alpha).with("depth", depth)
+        let recipe = recipe.with("exr_type", format_args!("{exr_type:?}")).with("alpha", alpha).with("depth", depth);
+        // Frames without normals keep the recipe that they had before there were any.
+        if normals { recipe.with("normals", true) } else { recipe }
     }
 
     /// Adds a camera.

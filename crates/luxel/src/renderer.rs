@@ -139,4 +139,27 @@ impl Renderer {
         layers.depth.iter_mut().for_each(|z| *z *= unit);
         Ok(RadianceLayers::new(layers, self.radiance_scale, self.color_space, &self.world_camera(camera)))
     }
+
+    /// Renders normals, `[H*W]`, row by row from the top: unit vectors of the world, towards the
+    /// camera; 0 where there are no splats. The normal of a splat is its shortest axis; a pixel has
+    /// the mean by the weights with which radiance is blended, scaled to length 1.
+    ///
+    /// ```
+    /// use luxel::{Device, Renderer, synthetic};
+    ///
+    /// # fn main() -> luxel::Result<()> {
+    /// let mut renderer = Renderer::new(&synthetic::room(200, 1), Device::Cpu)?;
+    /// let normals = renderer.render_normals(&synthetic::room_camera([32, 24]))?;
+    /// assert_eq!(normals.len(), 32 * 24);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// Those of [`Self::render`]; an engine without normals: the GPU's, that of a radiance field.
+    pub fn render_normals(&mut self, camera: &Camera) -> Result<Vec<[f32; 3]>> {
+        crate::memory::check_render(camera.size_px, self.options.raster.samples)?;
+        let normals = self.engine.render_normals(camera, &self.options).context("cannot render")?;
+        Ok(self.world_from_local.turned(&normals))
+    }
 }

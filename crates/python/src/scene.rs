@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use luxel::run::RunFolder;
 use luxel::{Device, DeviceOptions, Edit, Renderer, Scene};
-use luxel_core::{Camera, RadianceScale, RasterConfig, Similarity, Splats};
+use luxel_core::{Camera, Image, RadianceScale, RasterConfig, Similarity, Splats};
 use numpy::{PyArray2, PyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -223,6 +223,23 @@ impl PyScene {
         found.set_item("alpha", plane_array(py, size, layers.alpha)?)?;
         found.set_item("depth", plane_array(py, size, layers.depth)?)?;
         Ok(found)
+    }
+
+    /// Renders normals, float32 [height, width, 3]: unit vectors of the world, towards the camera;
+    /// 0 where there is nothing. The normal of a splat is its shortest axis. On the processor.
+    #[pyo3(signature = (camera, *, samples=None, threads=None))]
+    fn render_normals<'py>(
+        &self,
+        py: Python<'py>,
+        camera: &PyCamera,
+        samples: Option<u8>,
+        threads: Option<u32>,
+    ) -> PyResult<Bound<'py, PyArray3<f32>>> {
+        let view = View { camera: camera.clone(), background: None, samples, device: device("cpu", threads)? };
+        let normals = self.rendered(py, view, Renderer::render_normals)?;
+        let [width, height] = camera.world().size_px;
+        let normals = Image::from_pixels(width as usize, height as usize, normals);
+        image_array(py, normals.ok_or_else(|| invalid("the normals are not of the camera's size"))?)
     }
 
     /// Changes the light of the scene by an edit in its text form, such as

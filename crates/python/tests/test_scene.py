@@ -74,6 +74,9 @@ def test_background_and_layers(dataset: luxel.Dataset, scene: luxel.Scene) -> No
     behind = layers["radiance"] + 8 * (1 - layers["alpha"][..., None])
     np.testing.assert_allclose(before, behind, rtol=1e-4, atol=1e-4)
     assert layers["depth"].shape == (24, 32)
+    normals = scene.render_normals(camera)
+    lengths = np.linalg.norm(normals, axis=-1)
+    np.testing.assert_allclose(lengths, np.where(layers["alpha"] > 0, 1, 0), atol=1e-5)
 
 
 def test_edits_change_light_and_are_recorded(dataset: luxel.Dataset, scene: luxel.Scene) -> None:

@@ -159,7 +159,7 @@ impl Frames {
         let usual = renderer.options().raster.samples;
         renderer.set_samples(self.samples.unwrap_or(usual))?;
         let local = scene.local_camera(camera);
-        let form = FrameForm { color_space: scene.color_space, exr_type: self.exr_type, alpha: false, depth: false };
+        let form = FrameForm { color_space: scene.color_space, exr_type: self.exr_type, alpha: false, depth: false, normals: false };
         let recipe = self.recipe.get_or_init(|| Recipe::of_frames(scene, renderer.options(), form));
         let made_by = recipe.clone().with_camera(&local).digest();
         let radiance = renderer.render(&local);

@@ -100,6 +100,10 @@ pub(crate) struct RenderArgs {
     /// there is nothing.
     #[arg(long, help_heading = "Images")]
     pub(crate) depth: bool,
+    /// Add channels N.X, N.Y and N.Z, 32 bits: unit normals of the world, towards the camera; 0
+    /// where there is nothing. The normal of a splat is its shortest axis.
+    #[arg(long, help_heading = "Images")]
+    pub(crate) normals: bool,
     /// Also write deep/VIEW.exr, a deep image of the splats on black: samples R, G, B, A, Z and
     /// ZBack, at most N a pixel, 1 to 1024 [without a value: 32]. Neighbours are merged;
     /// composited, the samples give the image.

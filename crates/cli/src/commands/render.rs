@@ -170,7 +170,8 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
 
 /// Returns the recipe of all images, but for their cameras.
 fn recipe(args: &RenderArgs, scene: &Scene, options: &RenderOptions) -> Recipe {
-    let form = FrameForm { color_space: color_space(args, scene), exr_type: args.exr_type.into(), alpha: args.alpha, depth: args.depth };
+    let RenderArgs { alpha, depth, normals, .. } = *args;
+    let form = FrameForm { color_space: color_space(args, scene), exr_type: args.exr_type.into(), alpha, depth, normals };
     Recipe::of_frames(scene, options, form)
 }
 
@@ -203,24 +204,32 @@ fn unmade(jobs: &[Job], overwrite: bool) -> Result<Vec<&Job>> {
     Ok(unmade)
 }
 
-/// Returns the device: for coverage, depth and deep images, which only the CPU engine renders,
-/// `auto` means the CPU.
+/// Returns the device: for coverage, depth, normals and deep images, which only the CPU engine
+/// renders, `auto` means the CPU.
 fn device(args: &RenderArgs) -> DeviceArgs {
     let mut device = args.input.device.clone();
-    if (args.alpha || args.depth || args.deep.is_some()) && device.device == Device::Auto {
+    if (args.alpha || args.depth || args.normals || args.deep.is_some()) && device.device == Device::Auto {
         device.device = Device::Cpu;
     }
     device
 }
 
-/// Renders the image, with coverage and depth if they are asked for.
-fn render(args: &RenderArgs, engine: &mut dyn Engine, camera: &Camera, options: &RenderOptions) -> Result<Layers> {
+/// A rendered image with what is asked for beside it.
+struct Picture {
+    layers: Layers,
+    normals: Option<Vec<[f32; 3]>>,
+}
+
+/// Renders the image, with coverage, depth and normals if they are asked for.
+fn render(args: &RenderArgs, engine: &mut dyn Engine, camera: &Camera, options: &RenderOptions) -> Result<Picture> {
     luxel::memory::check_render(camera.size_px, options.raster.samples)?;
     args.deep.map_or(Ok(()), |most_samples| luxel::memory::check_deep(camera.size_px, most_samples))?;
-    if args.alpha || args.depth {
-        return Ok(engine.render_layers(camera, options)?);
-    }
-    Ok(Layers { image: engine.render(camera, options)?, ..Layers::default() })
+    let layers = match args.alpha || args.depth {
+        true => engine.render_layers(camera, options)?,
+        false => Layers { image: engine.render(camera, options)?, ..Layers::default() },
+    };
+    let normals = if args.normals { Some(engine.render_normals(camera, options)?) } else { None };
+    Ok(Picture { layers, normals })
 }
 
 /// Returns file names and cameras of the frames and the shard asked for. Names do not depend on the
@@ -260,8 +269,8 @@ fn jobs(args: &RenderArgs, shots: Shots, recipe: &Recipe, console: &Console) -> 
 }
 
 /// Writes the files of a job; returns whether half floats could not hold the image.
-fn write(args: &RenderArgs, scene: &Scene, job: &Job, layers: Layers) -> Result<bool> {
-    let Layers { mut image, alpha, depth } = layers;
+fn write(args: &RenderArgs, scene: &Scene, job: &Job, picture: Picture) -> Result<bool> {
+    let Picture { layers: Layers { mut image, alpha, depth }, normals } = picture;
     match (&job.png, args.tonemap) {
         (Some(png), Some(tonemap)) => {
             preview::write(png, &image, scene.color_space, Look { tonemap: tonemap.into(), exposure_ev: args.exposure })?;
@@ -294,6 +303,7 @@ fn write(args: &RenderArgs, scene: &Scene, job: &Job, layers: Layers) -> Result<
         frames_per_second: args.video.is_some().then_some(args.fps),
         alpha: args.alpha.then_some(alpha),
         depth: args.depth.then(|| depth.into_iter().map(|z| (z * unit).min(FAR_DEPTH)).collect()),
+        normals: normals.map(|normals| scene.world_from_local.turned(&normals)),
         ..ExrOptions::default()
     };
     let out_of_range = luxel_io::write_exr(&job.exr, &image, &options).context("cannot write an image")?;

@@ -133,6 +133,16 @@ pub trait Engine: Send {
         Err(EngineError::invalid("this engine renders no depth and alpha").with_remedy(Remedy::set("device", "cpu")))
     }
 
+    /// Renders normals: unit vectors of the world, `[H*W]`, row-major, towards the camera; 0 where
+    /// there are no splats. The normal of a splat is its shortest axis. A pixel has the mean by the
+    /// weights with which [`Engine::render`] blends radiance, scaled to length 1.
+    ///
+    /// # Errors
+    /// Those of [`Engine::render`]; [`EngineError::Invalid`] from an engine without normals.
+    fn render_normals(&mut self, _camera: &Camera, _options: &RenderOptions) -> Result<Vec<[f32; 3]>, EngineError> {
+        Err(EngineError::invalid("this engine renders no normals").with_remedy(Remedy::set("device", "cpu")))
+    }
+
     /// Lists what each pixel of the image that [`Engine::render`] makes is blended from, with at
     /// most `most_samples` samples a pixel, at least 1. Radiance is in normalised units.
     ///

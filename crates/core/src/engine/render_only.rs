@@ -32,6 +32,14 @@ pub trait RenderOnly: Send {
         Ok(self.layers(camera, options)?.image)
     }
 
+    /// Renders normals, as [`Engine::render_normals`] does.
+    ///
+    /// # Errors
+    /// Those of [`Engine::render_normals`]; that of a renderer that blends no splats.
+    fn normals(&mut self, _camera: &Camera, _options: &RenderOptions) -> Result<Vec<[f32; 3]>, EngineError> {
+        Err(self.no_splats())
+    }
+
     /// Lists what pixels are blended from, as [`Engine::render_deep`] does.
     ///
     /// # Errors
@@ -78,6 +86,10 @@ impl<R: RenderOnly> Engine for R {
 
     fn render_layers(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Layers, EngineError> {
         self.layers(camera, options)
+    }
+
+    fn render_normals(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Vec<[f32; 3]>, EngineError> {
+        self.normals(camera, options)
     }
 
     fn render_deep(&mut self, camera: &Camera, options: &RenderOptions, most_samples: usize) -> Result<DeepImage, EngineError> {

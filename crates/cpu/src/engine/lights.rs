@@ -12,6 +12,7 @@ use crate::passes::bin::ScreenSplats;
 use crate::passes::contribute::contribute;
 use crate::passes::deep::deep;
 use crate::passes::evaluations::evaluations;
+use crate::passes::normals::{set_normals, unit_or_zero};
 use crate::passes::rasterize::{to_alpha, to_image};
 use crate::passes::samples::resolve;
 use crate::passes::sort_and_rasterize::sort_and_rasterize;
@@ -46,25 +47,38 @@ impl State {
     /// Renders the image, alpha and depth of one light.
     fn render_light_layers(&mut self, camera: &ScreenCamera) -> Layers {
         self.forward(camera, Recording::Nothing);
-        let Self { level, frame, .. } = self;
         let image_camera = camera.without_supersampling();
-        let pixels = final_pixels(camera, &frame.pixels, &frame.resolved);
+        let pixels = final_pixels(camera, &self.frame.pixels, &self.frame.resolved);
         let image = to_image(pixels, &image_camera);
         let alpha = to_alpha(pixels, &image_camera);
-        // The same lists with the same thresholds, blended once more with distances in place of
-        // colours.
+        self.frame.footprints.iter_mut().for_each(|footprint| footprint.radiance = [footprint.depth, 0.0, 0.0]);
+        let blended = self.blend_again(camera);
+        let depth = |(pixel, alpha): (&[f32; 3], &f32)| if *alpha > 0.0 { pixel[0] / alpha } else { f32::INFINITY };
+        let depth = blended.pixels.iter().zip(&alpha).map(depth).collect();
+        Layers { image, alpha, depth }
+    }
+
+    /// Renders unit normals, those of the first light of a mix; zero where there are no splats.
+    pub(super) fn render_normals(&mut self, camera: &ScreenCamera) -> Vec<[f32; 3]> {
+        let lights = self.parameters.layout.color_model.lights();
+        let camera = camera.for_light(0, lights);
+        self.forward(&camera, Recording::Nothing);
+        set_normals(&self.parameters, &camera, &mut self.frame.footprints);
+        self.blend_again(&camera).pixels.into_iter().map(unit_or_zero).collect()
+    }
+
+    /// Blends what footprints hold in place of radiance over nothing, by the lists and thresholds
+    /// of the render before.
+    fn blend_again(&mut self, camera: &ScreenCamera) -> Image {
+        let Self { level, frame, .. } = self;
         let on_nothing = ScreenCamera { background: [0.0; 3], ..camera.clone() };
-        frame.footprints.iter_mut().for_each(|footprint| footprint.radiance = [footprint.depth, 0.0, 0.0]);
         let splats = ScreenSplats { bins: &frame.bins, footprints: &frame.footprints };
         let inputs = TileInputs { level: *level, camera: &on_nothing, splats, recording: Recording::Nothing, channels: None };
         sort_and_rasterize(&inputs, &mut frame.records, &mut frame.pixels);
         if camera.samples > 1 {
             resolve(&on_nothing, &frame.pixels, &mut frame.resolved);
         }
-        let blended = to_image(final_pixels(camera, &frame.pixels, &frame.resolved), &image_camera);
-        let depth = |(pixel, alpha): (&[f32; 3], &f32)| if *alpha > 0.0 { pixel[0] / alpha } else { f32::INFINITY };
-        let depth = blended.pixels.iter().zip(&alpha).map(depth).collect();
-        Layers { image, alpha, depth }
+        to_image(final_pixels(camera, &frame.pixels, &frame.resolved), &camera.without_supersampling())
     }
 
     /// Lists what each pixel is blended from.

@@ -2,10 +2,10 @@
 //!
 //! `color` runs within `project`, and `color_backward` within `project_backward`; their time is
 //! counted there. `camera_backward` runs only in steps that ask for it, and `vignetting` only where
-//! the target has it; its time is counted with `loss`. Two passes are not part of a step:
+//! the target has it; its time is counted with `loss`. Passes that are not part of a step:
 //! `contribute` measures which splats a painted mask selects, and `evaluations` counts how many
 //! splats are blended. Both go through a block's splats with `visit_block`, in the order of
-//! `rasterize`.
+//! `rasterize`. `normals` writes normals in place of radiance, which are then blended alike.
 //!
 //! Helpers: `picks` finds the splats of a block for `rasterize`; `changes` records which splats
 //! changed which pixels, for `rasterize_backward`; `sums` adds gradients up over the pixels of a
@@ -33,6 +33,7 @@ pub(crate) mod evaluations;
 pub(crate) mod loss;
 pub(crate) mod more_channels;
 pub(crate) mod more_channels_backward;
+pub(crate) mod normals;
 pub(crate) mod pass_times;
 pub(crate) mod picks;
 pub(crate) mod project;

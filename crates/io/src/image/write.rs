@@ -66,12 +66,14 @@ pub struct ExrOptions {
     pub alpha: Option<Vec<f32>>,
     /// Channel Z, `[H*W]`, always of 32 bits: distance along the viewing axis, world units.
     pub depth: Option<Vec<f32>>,
+    /// Channels N.X, N.Y, N.Z, `[H*W]`, always of 32 bits: unit normals of the world.
+    pub normals: Option<Vec<[f32; 3]>>,
 }
 
 /// Largest finite number of [`ExrSample::Half`].
 pub const HALF_MAX: f32 = 65504.0;
 
-/// Writes R, G, B (and A and Z if there are any) with ZIP compression in blocks of 16 lines.
+/// Writes R, G, B (and A, Z and N if there are any) with ZIP compression in blocks of 16 lines.
 /// Returns how many values were above the range of [`ExrSample::Half`] and are written as its
 /// largest number.
 ///
@@ -107,8 +109,9 @@ pub fn encode_exr(name: &Path, image: &Image, options: &ExrOptions) -> Result<Ve
         return Err(IoError::invalid(name, format!("{} pixels in an image of {width} x {height}, nothing to write", image.pixels.len())));
     }
     let count = image.pixels.len();
-    if let Some(found) = options.alpha.iter().chain(&options.depth).map(Vec::len).find(|found| *found != count) {
-        return Err(IoError::invalid(name, format!("{found} values of opacity or depth for {count} pixels")));
+    let lengths = [options.alpha.as_ref().map(Vec::len), options.depth.as_ref().map(Vec::len), options.normals.as_ref().map(Vec::len)];
+    if let Some(found) = lengths.into_iter().flatten().find(|found| *found != count) {
+        return Err(IoError::invalid(name, format!("{found} values of opacity, depth or normals for {count} pixels")));
     }
     let encoding = Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
     let samples = |values: &mut dyn Iterator<Item = f32>| match options.sample {
@@ -122,6 +125,10 @@ pub fn encode_exr(name: &Path, image: &Image, options: &ExrOptions) -> Result<Ve
     }
     if let Some(depth) = &options.depth {
         channels.push(AnyChannel::new("Z", FlatSamples::F32(depth.clone())));
+    }
+    if let Some(normals) = &options.normals {
+        let axis = |c: usize| FlatSamples::F32(normals.iter().map(|normal| normal[c]).collect());
+        channels.extend([("N.X", 0), ("N.Y", 1), ("N.Z", 2)].map(|(name, c)| AnyChannel::new(name, axis(c))));
     }
     let layer = Layer::new((width, height), attributes(name, options)?, encoding, AnyChannels::sort(channels));
     let mut file = ExrImage::from_layer(layer);

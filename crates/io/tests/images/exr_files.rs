@@ -246,7 +246,7 @@ fn exr_chromaticities_are_honoured() {
 }
 
 #[test]
-fn written_exr_holds_camera_depth_opacity_and_kind_of_map() {
+fn written_exr_holds_camera_depth_opacity_normals_and_kind_of_map() {
     let image = radiance(4, 3);
     let camera = Camera {
         camera_from_world: Camera::pose_from_opengl(glam::DMat3::IDENTITY, glam::DVec3::new(1.0, 2.0, 3.0)),
@@ -263,6 +263,7 @@ fn written_exr_holds_camera_depth_opacity_and_kind_of_map() {
         environment: Some(Projection::LatitudeLongitude),
         alpha: Some(ramp.clone()),
         depth: Some(ramp.iter().map(|v| 1e5 * v).collect()),
+        normals: Some(vec![[0.6, 0.0, -0.8]; 12]),
         ..ExrOptions::default()
     };
     let bytes = encode_exr(Path::new("a.exr"), &image, &options).unwrap();
@@ -273,8 +274,8 @@ fn written_exr_holds_camera_depth_opacity_and_kind_of_map() {
     let meta = MetaData::read_from_buffered(Cursor::new(&bytes), true).unwrap();
     let header = &meta.headers[0];
     let names: Vec<_> = header.channels.list.iter().map(|c| (c.name.to_string(), c.sample_type)).collect();
-    let half = SampleType::F16;
-    let expected = [("A", half), ("B", half), ("G", half), ("R", half), ("Z", SampleType::F32)];
+    let (half, float) = (SampleType::F16, SampleType::F32);
+    let expected = [("A", half), ("B", half), ("G", half), ("N.X", float), ("N.Y", float), ("N.Z", float), ("R", half), ("Z", float)];
     assert_eq!(names, expected.map(|(name, kind)| (name.to_string(), kind)));
     let own = &header.own_attributes;
     assert_eq!(own.environment_map, Some(attribute::EnvironmentMap::LatitudeLongitude));

@@ -3,13 +3,12 @@
 
 use std::path::Path;
 
-use glam::{DMat3, DVec3};
-use luxel_core::{ColorModel, ColorSpace, Knots, RESPONSE_KNOTS, RadianceScale, RasterConfig, Scene, Similarity};
+use luxel_core::{ColorModel, Knots, RESPONSE_KNOTS, RasterConfig, Scene};
 use luxel_io::{Arrays, IoError, NamedArray};
 use luxel_train::{AnchorArray, AnchorScene, AnchorSnapshot, TrainConfig};
 use serde::{Deserialize, Serialize};
 
-use super::place_of;
+use super::place::PlaceRecord;
 use super::scene::{Content, ImplicitScene};
 use crate::error::Context;
 use crate::{Error, Result};
@@ -46,12 +45,7 @@ pub(super) struct TrainingRecord {
 struct Description {
     color_model: ColorModel,
     raster: RasterConfig,
-    radiance_scale: RadianceScale,
-    color_space: ColorSpace,
-    /// Place of the local origin and length of a local unit, world.
-    origin: [f64; 3],
-    unit: f64,
-    metres_per_unit: Option<f64>,
+    place: PlaceRecord,
     /// Only in checkpoints.
     training: Option<TrainingRecord>,
 }
@@ -64,16 +58,7 @@ fn write_parts(
     response: Option<&Knots>,
     training: Option<TrainingRecord>,
 ) -> Result<(), IoError> {
-    let description = Description {
-        color_model,
-        raster: place.raster,
-        radiance_scale: place.radiance_scale,
-        color_space: place.color_space,
-        origin: place.world_from_local.translation().to_array(),
-        unit: place.world_from_local.scale(),
-        metres_per_unit: place.metres_per_unit,
-        training,
-    };
+    let description = Description { color_model, raster: place.raster, place: PlaceRecord::of(place), training };
     let description = serde_json::to_string(&description).map_err(|e| IoError::invalid(path, e))?;
     let shapes: Vec<[usize; 2]> = arrays.iter().map(|array| [array.values.len() / array.width.max(1), array.width]).collect();
     let named = arrays.iter().zip(&shapes).map(|(array, shape)| NamedArray { name: &array.name, shape, values: &array.values });
@@ -98,10 +83,7 @@ pub(super) fn write_checkpoint(path: &Path, place: &Scene, response: Option<&Kno
 pub(super) fn read(path: &Path) -> Result<ImplicitScene> {
     let (description, arrays, response) = read_parts(path)?;
     let scene = AnchorScene::from_arrays(description.color_model, &mut { arrays }).with_context(|| path.display().to_string())?;
-    let world_from_local = Similarity::new(DMat3::IDENTITY, description.unit, DVec3::from_array(description.origin))
-        .with_context(|| format!("{}: a unit of {}, expected a number above 0", path.display(), description.unit))?;
-    let Description { radiance_scale, color_space, metres_per_unit, raster, .. } = description;
-    let place = Scene { raster, ..place_of(radiance_scale, color_space, world_from_local, metres_per_unit) };
+    let place = Scene { raster: description.raster, ..description.place.scene(path)? };
     Ok(ImplicitScene { content: Content::Anchors { scene: Box::new(scene), response: response.map(Box::new) }, place })
 }
 

@@ -3,14 +3,13 @@
 
 use std::path::Path;
 
-use glam::{DMat3, DVec3};
-use luxel_core::{ColorSpace, RadianceScale, Scene, Similarity};
+use luxel_core::Scene;
 use luxel_field::{Field, FieldArrays, FieldShape, FieldSnapshot, FieldState};
 use luxel_io::{Arrays, NamedArray};
 use luxel_train::TrainConfig;
 use serde::{Deserialize, Serialize};
 
-use super::place_of;
+use super::place::PlaceRecord;
 use super::scene::{Content, ImplicitScene};
 use crate::error::Context;
 use crate::{Error, Result};
@@ -38,12 +37,7 @@ pub(super) struct TrainingRecord {
 #[serde(deny_unknown_fields)]
 struct Description {
     shape: FieldShape,
-    radiance_scale: RadianceScale,
-    color_space: ColorSpace,
-    /// Place of the local origin and length of a local unit, world.
-    origin: [f64; 3],
-    unit: f64,
-    metres_per_unit: Option<f64>,
+    place: PlaceRecord,
     /// Only in checkpoints.
     training: Option<TrainingRecord>,
 }
@@ -78,15 +72,7 @@ fn write_parts(path: &Path, place: &Scene, shape: FieldShape, parts: Parts<'_>) 
         named.extend([("moments.first", first), ("moments.second", second)]);
         training
     });
-    let description = Description {
-        shape,
-        radiance_scale: place.radiance_scale,
-        color_space: place.color_space,
-        origin: place.world_from_local.translation().to_array(),
-        unit: place.world_from_local.scale(),
-        metres_per_unit: place.metres_per_unit,
-        training,
-    };
+    let description = Description { shape, place: PlaceRecord::of(place), training };
     let description = serde_json::to_string(&description).map_err(|e| luxel_io::IoError::invalid(path, e))?;
     let shapes: Vec<[usize; 1]> = named.iter().map(|(_, values)| [values.len()]).collect();
     let arrays: Vec<NamedArray<'_>> = named.iter().zip(&shapes).map(|((name, values), shape)| NamedArray { name, shape, values }).collect();
@@ -97,11 +83,7 @@ fn write_parts(path: &Path, place: &Scene, shape: FieldShape, parts: Parts<'_>) 
 pub(super) fn read(path: &Path) -> Result<ImplicitScene> {
     let (description, mut arrays) = read_parts(path)?;
     let field = field(path, &description, &mut arrays)?;
-    let world_from_local = Similarity::new(DMat3::IDENTITY, description.unit, DVec3::from_array(description.origin))
-        .with_context(|| format!("{}: a unit of {}, expected a number above 0", path.display(), description.unit))?;
-    let Description { radiance_scale, color_space, metres_per_unit, .. } = description;
-    let place = place_of(radiance_scale, color_space, world_from_local, metres_per_unit);
-    Ok(ImplicitScene { content: Content::Field(Box::new(field)), place })
+    Ok(ImplicitScene { content: Content::Field(Box::new(field)), place: description.place.scene(path)? })
 }
 
 /// Reads a checkpoint.

@@ -16,6 +16,7 @@ mod kept_renders;
 mod launch;
 mod newest;
 mod objective;
+mod place;
 mod scene;
 mod session;
 mod trainer;
@@ -25,7 +26,6 @@ use std::path::Path;
 pub(crate) use kept_renders::KeptRenders;
 pub(crate) use launch::seconds_per_step;
 pub use launch::{TrainedImplicit, fresh, resume};
-use luxel_core::{ColorModel, ColorSpace, RadianceScale, RasterConfig, Scene, Similarity, Splats};
 pub use luxel_field::{ColorHead, FieldNetwork};
 use luxel_train::Method;
 pub use newest::newest_scene;
@@ -99,17 +99,4 @@ pub(crate) fn refuse_file(path: &Path) -> Result<()> {
     let Some(words) = kind_of_file(path) else { return Ok(()) };
     let message = format!("{}: holds {words} no splats", path.display());
     Err(Error::new(message).with_remedy(Remedy::advice("name the folder of its run to render or evaluate it")))
-}
-
-/// Returns a scene without splats.
-fn place_of(radiance_scale: RadianceScale, color_space: ColorSpace, world_from_local: Similarity, metres: Option<f64>) -> Scene {
-    Scene {
-        splats: Splats::empty(ColorModel::Sh { degree: 0 }),
-        radiance_scale,
-        color_space,
-        raster: RasterConfig::default(),
-        edits: Vec::new(),
-        world_from_local,
-        metres_per_unit: metres,
-    }
 }

@@ -12,7 +12,7 @@ use luxel_train::{AnchorTrainer, TrainConfig};
 use super::anchor_files::{self, AnchorCheckpoint};
 use super::field_files::{self, FieldCheckpoint, TrainingRecord};
 use super::objective::options;
-use super::place_of;
+use super::place::place_of;
 use super::scene::{Content, ImplicitScene};
 use crate::error::Context;
 use crate::run::ImplicitKind;

@@ -175,6 +175,13 @@ class Scene:
         samples: int | None = None,
         threads: int | None = None,
     ) -> dict[str, _F32]: ...
+    def render_normals(
+        self,
+        camera: Camera,
+        *,
+        samples: int | None = None,
+        threads: int | None = None,
+    ) -> _F32: ...
     def edit(self, edit: str) -> int: ...
     def export(
         self,

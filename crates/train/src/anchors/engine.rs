@@ -41,6 +41,10 @@ impl RenderOnly for AnchorEngine {
         self.decode(camera, options)?.render(camera, options)
     }
 
+    fn normals(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Vec<[f32; 3]>, EngineError> {
+        self.decode(camera, options)?.render_normals(camera, options)
+    }
+
     fn deep_image(&mut self, camera: &Camera, options: &RenderOptions, most_samples: usize) -> Result<DeepImage, EngineError> {
         self.decode(camera, options)?.render_deep(camera, options, most_samples)
     }

@@ -96,6 +96,10 @@ impl Engine for LiftedEngine {
         Ok(Layers { image, ..self.inner.render_layers(camera, options)? })
     }
 
+    fn render_normals(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Vec<[f32; 3]>, EngineError> {
+        self.inner.render_normals(camera, options)
+    }
+
     fn render_deep(&mut self, _camera: &Camera, _options: &RenderOptions, _most_samples: usize) -> Result<DeepImage, EngineError> {
         Err(refused("deep images"))
     }
