@@ -5,33 +5,20 @@ mod common;
 
 use common::{SIDE, Workplace};
 use luxel_core::Image;
-use luxel_io::{ReadOptions, read_image};
-
-fn image(place: &Workplace, name: &str) -> Image {
-    read_image(&place.path(name), &ReadOptions::default()).unwrap().image
-}
-
-fn notes(place: &Workplace, args: &[&str]) -> String {
-    let output = place.luxel(args).output().unwrap();
-    let stderr = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{args:?}\n{stderr}");
-    stderr
-}
 
 #[test]
 fn a_path_is_rendered_and_written_as_cameras() {
     let place = Workplace::new();
     place.train("run", &[]);
     for path in ["orbit", "spiral", "between-views"] {
-        let told = notes(&place, &["render", "run", "--path", path, "--frames", "3", "-o", path]);
+        let told = place.notes(&["render", "run", "--path", path, "--frames", "3", "-o", path]);
         assert!(told.contains("3 frames") && told.contains("cameras.json: 3 cameras"), "{told}");
         // The file makes the same frames.
         let again = format!("{path}-again");
         let cameras = format!("{path}/cameras.json");
         place.ok(&["render", "run", "--cameras", &cameras, "-o", &again]);
         for i in 0..3 {
-            let (first, second) =
-                (image(&place, &format!("{path}/frame_0000{i}.exr")), image(&place, &format!("{again}/frame_0000{i}.exr")));
+            let (first, second) = (place.image(&format!("{path}/frame_0000{i}.exr")), place.image(&format!("{again}/frame_0000{i}.exr")));
             let light: f32 = first.pixels.iter().flatten().sum();
             let difference: f32 = first.pixels.iter().flatten().zip(second.pixels.iter().flatten()).map(|(a, b)| (a - b).abs()).sum();
             assert!(light > 0.0 && difference < 1e-3 * light, "{path} {i}: {difference} of {light}");
@@ -39,7 +26,7 @@ fn a_path_is_rendered_and_written_as_cameras() {
         assert!(!place.path(path).join("frame_00003.exr").exists());
     }
     let orbit = ["render", "run", "--path", "orbit", "--frames", "3", "-o", "orbit"];
-    assert!(notes(&place, &orbit).contains("3 images exist already and are kept"));
+    assert!(place.notes(&orbit).contains("3 images exist already and are kept"));
     // Shards share the frames and the file.
     place.ok(&["render", "run", "--path", "orbit", "--frames", "4", "--shard", "1/2", "-o", "shards"]);
     place.ok(&["render", "run", "--path", "orbit", "--frames", "4", "--shard", "0/2", "-o", "shards"]);
@@ -58,7 +45,7 @@ fn cameras_go_to_openusd_and_come_back() {
     place.train("run", &[]);
     let render = |args: &[&str]| place.ok(&[&["render", "run", "--exr-type", "float"][..], args].concat());
     let assert_equal = |first: &str, second: &str| {
-        let (first, second) = (image(&place, first), image(&place, second));
+        let (first, second) = (place.image(first), place.image(second));
         let light: f32 = first.pixels.iter().flatten().sum();
         let difference: f32 = first.pixels.iter().flatten().zip(second.pixels.iter().flatten()).map(|(a, b)| (a - b).abs()).sum();
         assert!(light > 0.0 && difference < 1e-3 * light, "{difference} of {light}");
@@ -72,7 +59,7 @@ fn cameras_go_to_openusd_and_come_back() {
     render(&["--split", "all", "--write-cameras", "views.usda", "-o", "views"]);
     let layer = std::fs::read_to_string(place.path("views.usda")).unwrap();
     let first = layer.split("def Camera \"").nth(1).and_then(|rest| rest.split('"').next()).unwrap().to_owned();
-    let told = notes(&place, &["render", "run", "--cameras", "views.usda", "--camera", &first, "--write-cameras", "one.json", "-o", "one"]);
+    let told = place.notes(&["render", "run", "--cameras", "views.usda", "--camera", &first, "--write-cameras", "one.json", "-o", "one"]);
     assert!(told.contains("views.usda: 1 camera") && told.contains("one.json: 1 camera"), "{told}");
     assert_eq!(luxel::read_cameras(place.path("one.json")).unwrap().len(), 1);
     let again = ["render", "run", "--split", "train", "--write-cameras", "views.usda", "-o", "train"];
@@ -82,7 +69,7 @@ fn cameras_go_to_openusd_and_come_back() {
     place.error(&["render", "run", "--write-cameras", "cameras.usdz", "-o", "x"], &[".json", ".usda"]);
     // Centimetres of a layer are a hundredth of the scene's unknown unit, taken for a metre.
     std::fs::write(place.path("small.usda"), layer.replace("metersPerUnit = 1", "metersPerUnit = 0.01")).unwrap();
-    let told = notes(&place, &["render", "run", "--cameras", "small.usda", "--camera", &first, "-o", "small"]);
+    let told = place.notes(&["render", "run", "--cameras", "small.usda", "--camera", &first, "-o", "small"]);
     assert!(told.contains("lengths times 0.010000: metersPerUnit is 0.01, the scene's 1, since it is unknown"), "{told}");
     place.fails(2, &["render", "run", "--camera", "a", "-o", "x"]);
 }
@@ -91,10 +78,10 @@ fn cameras_go_to_openusd_and_come_back() {
 fn another_size_keeps_the_field_of_view_and_says_what_is_cropped() {
     let place = Workplace::new();
     place.train("run", &[]);
-    let told = notes(&place, &["render", "run", "--size", "48x24", "-o", "wide"]);
+    let told = place.notes(&["render", "run", "--size", "48x24", "-o", "wide"]);
     assert!(told.contains("48x24: 50.0 % of the height"), "{told}");
     place.ok(&["render", "run", "--exr-type", "float", "-o", "own"]);
-    let (wide, own) = (image(&place, "wide/000.exr"), image(&place, "own/000.exr"));
+    let (wide, own) = (place.image("wide/000.exr"), place.image("own/000.exr"));
     assert_eq!([wide.width, wide.height, own.width], [48, 24, SIDE]);
     // The middle half of the rows, at twice the size: equal light but for the resolution.
     let sum = |image: &Image, rows: std::ops::Range<usize>| {
@@ -102,7 +89,7 @@ fn another_size_keeps_the_field_of_view_and_says_what_is_cropped() {
     };
     let (a, b) = (sum(&wide, 0..24) / 4.0, sum(&own, 6..18));
     assert!((a / b - 1.0).abs() < 0.1, "{a} {b}");
-    assert!(!notes(&place, &["render", "run", "--size", "48x48", "-o", "large"]).contains("cropped"));
+    assert!(!place.notes(&["render", "run", "--size", "48x48", "-o", "large"]).contains("cropped"));
     place.fails(2, &["render", "run", "--size", "48", "-o", "x"]);
 }
 
@@ -111,7 +98,7 @@ fn a_pixel_is_picked_with_its_point_and_splats() {
     let place = Workplace::new();
     place.train("run", &[]);
     place.ok(&["render", "run", "--exr-type", "float", "--depth", "-o", "frames"]);
-    let frame = image(&place, "frames/000.exr");
+    let frame = place.image("frames/000.exr");
     let brightest = (0..SIDE * SIDE).max_by(|a, b| frame.pixels[*a][1].total_cmp(&frame.pixels[*b][1])).unwrap();
     let px = format!("{},{}", brightest % SIDE, brightest / SIDE);
     let args = ["pick", "run", "--view", "000", "--px", &px];

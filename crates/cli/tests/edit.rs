@@ -20,10 +20,6 @@ fn scene(place: &Workplace, name: &str) -> Scene {
     luxel_io::read_scene_ply(&place.path(name)).unwrap()
 }
 
-fn image(place: &Workplace, name: &str) -> Image {
-    luxel_io::read_image(&place.path(name), &Default::default()).unwrap().image
-}
-
 #[test]
 fn an_edited_scene_is_written_with_its_record_and_nothing_else_changed() {
     let place = trained(&[]);
@@ -68,9 +64,9 @@ fn render_edit_is_the_render_of_the_edited_scene() {
     place.ok(&["render", "edited.ply", "--data", "data", "--exr-type", "float", "-o", "written"]);
     let edits = "where L < 1 ~1; gain 3; where all; power 1.2; pivot 0.4";
     place.ok(&["render", "run", "--edit", edits, "--exr-type", "float", "-o", "unwritten"]);
-    assert_eq!(image(&place, "written/000.exr"), image(&place, "unwritten/000.exr"));
+    assert_eq!(place.image("written/000.exr"), place.image("unwritten/000.exr"));
     place.ok(&["render", "run", "--exr-type", "float", "-o", "before"]);
-    assert_ne!(image(&place, "written/000.exr"), image(&place, "before/000.exr"));
+    assert_ne!(place.image("written/000.exr"), place.image("before/000.exr"));
     place.fails(2, &["render", "run", "--edit", "gain 2; sharpen 3", "-o", "x"]);
     place.fails(2, &["render", "run", "--sh-map", "channels", "-o", "x"]);
     for idle in ["", "where L > 1"] {
@@ -92,7 +88,7 @@ fn a_painted_mask_changes_what_is_behind_the_paint() {
     for (scene, folder) in [("run", "before"), ("left.ply", "after")] {
         place.ok(&["render", scene, "--data", "data", "--exr-type", "float", "-o", folder]);
     }
-    let (before, after) = (image(&place, "before/000.exr"), image(&place, "after/000.exr"));
+    let (before, after) = (place.image("before/000.exr"), place.image("after/000.exr"));
     let gain = |columns: std::ops::Range<usize>| {
         let pixels = || columns.clone().flat_map(|x| (0..SIDE).map(move |y| (x, y)));
         let sum = |image: &Image| pixels().map(|(x, y)| luminance_sum(image.at(x, y))).sum::<f32>();
@@ -100,7 +96,7 @@ fn a_painted_mask_changes_what_is_behind_the_paint() {
     };
     let (left, right) = (gain(0..SIDE / 2 - 3), gain(SIDE / 2 + 3..SIDE));
     assert!(left > 4.0 && right < 2.0, "{left} {right}");
-    let overlay = image(&place, "overlay.png");
+    let overlay = place.image("overlay.png");
     let red = |x: usize| (0..SIDE).map(|y| overlay.at(x, y)[0] - overlay.at(x, y)[2]).sum::<f32>();
     assert!(red(2) > 4.0 * red(SIDE - 3).max(0.1), "{} {}", red(2), red(SIDE - 3));
 

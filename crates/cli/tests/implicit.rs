@@ -124,7 +124,10 @@ fn a_field_is_trained_evaluated_and_rendered_like_splats() {
 
 #[test]
 fn anchors_are_trained_evaluated_and_rendered_like_splats() {
-    let metrics = ANCHORS.check_life(&Workplace::new(), &["--max-splats", "500"], &["anchors", "lcd-c0-l0"]);
+    let place = Workplace::new();
+    let metrics = ANCHORS.check_life(&place, &["--max-splats", "500"], &["anchors", "lcd-c0-l0"]);
+    // Decoded for each view, they have normals.
+    place.ok(&["render", "run", "-o", "normals", "--normals"]);
     let splats = metrics["splats"].as_u64().unwrap();
     assert!(splats > 0 && splats <= 500 && splats.is_multiple_of(10) && metrics["field_parameters"].is_null(), "{metrics}");
 }
@@ -142,6 +145,10 @@ fn threads_and_an_interruption_change_no_bit_of_anchors() {
 #[test]
 fn what_needs_splats_refuses_a_field_by_name() {
     FIELD.check_refusals();
+    let place = Workplace::new();
+    FIELD.train(&place, "run", &[]);
+    place.error(&["render", "run", "-o", "renders", "--normals"], &["cannot render normals", "radiance field"]);
+    place.error(&["render", "run", "-o", "renders", "--deep"], &["cannot render a deep image", "radiance field"]);
 }
 
 #[test]

@@ -4,14 +4,10 @@
 mod common;
 
 use common::Workplace;
-use luxel_core::{Image, Scene};
+use luxel_core::Scene;
 
 fn scene(place: &Workplace, name: &str) -> Scene {
     luxel_io::read_scene_ply(&place.path(name)).unwrap()
-}
-
-fn image(place: &Workplace, name: &str) -> Image {
-    luxel_io::read_image(&place.path(name), &Default::default()).unwrap().image
 }
 
 const PLY: &str = "point_cloud/iteration_40/point_cloud.ply";
@@ -43,7 +39,7 @@ fn lights_are_trained_on_frozen_geometry_and_add() {
     for (scene, folder) in [("day", "a"), (&*format!("lamp/{PLY}"), "b"), ("both.ply", "c")] {
         place.ok(&["render", scene, "--data", "data", "--exr-type", "float", "-o", folder]);
     }
-    let [a, b, c] = ["a", "b", "c"].map(|folder| image(&place, &format!("{folder}/000.exr")));
+    let [a, b, c] = ["a", "b", "c"].map(|folder| place.image(&format!("{folder}/000.exr")));
     for ((a, b), c) in a.pixels.as_flattened().iter().zip(b.pixels.as_flattened()).zip(c.pixels.as_flattened()) {
         let expected = a + 0.3 * b;
         assert!((c - expected).abs() <= 1e-5 * expected.abs() + 1e-9, "{c} {expected}");
@@ -53,8 +49,8 @@ fn lights_are_trained_on_frozen_geometry_and_add() {
     place.ok(&["edit", "both.ply", "--light", "2:0", "-o", "off.ply"]);
     place.ok(&["render", "both.ply", "--edit", "light 2:0", "--data", "data", "--exr-type", "float", "-o", "d"]);
     place.ok(&["render", "off.ply", "--data", "data", "--exr-type", "float", "-o", "e"]);
-    let off = image(&place, "e/000.exr");
-    assert_eq!(off, image(&place, "d/000.exr"));
+    let off = place.image("e/000.exr");
+    assert_eq!(off, place.image("d/000.exr"));
     for (off, a) in off.pixels.as_flattened().iter().zip(a.pixels.as_flattened()) {
         assert!((off - a).abs() <= 1e-5 * a.abs() + 1e-9, "{off} {a}");
     }

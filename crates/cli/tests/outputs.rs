@@ -6,20 +6,9 @@ mod common;
 
 use common::Workplace;
 use luxel_core::Image;
-use luxel_io::{ReadOptions, read_exr_attributes, read_image};
+use luxel_io::read_exr_attributes;
 
 const SCENE: &str = "run/point_cloud/iteration_40/point_cloud.ply";
-
-fn image(place: &Workplace, name: &str) -> Image {
-    read_image(&place.path(name), &ReadOptions::default()).unwrap().image
-}
-
-fn notes(place: &Workplace, args: &[&str]) -> String {
-    let output = place.luxel(args).output().unwrap();
-    let stderr = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{args:?}\n{stderr}");
-    stderr
-}
 
 #[test]
 fn frames_are_kept_where_equal_and_replaced_on_request_where_not() {
@@ -33,9 +22,9 @@ fn frames_are_kept_where_equal_and_replaced_on_request_where_not() {
     let made_by = |name: &str| read_exr_attributes(&place.path(name)).unwrap().texts["luxel:made_by"].clone();
     assert_eq!(made_by("frames/000.exr").len(), 64);
     assert_ne!(made_by("frames/000.exr"), made_by("frames/008.exr"));
-    assert!(notes(&place, &plain).contains("2 images exist already and are kept"));
+    assert!(place.notes(&plain).contains("2 images exist already and are kept"));
     // The number of threads, the part that is rendered, and --overwrite itself decide nothing.
-    assert!(notes(&place, &with(&["--threads", "1", "--frames", "0", "--overwrite"])).contains("1 image exist"));
+    assert!(place.notes(&with(&["--threads", "1", "--frames", "0", "--overwrite"])).contains("1 image exist"));
 
     // Everything else that makes another frame or preview.
     for more in [
@@ -55,16 +44,16 @@ fn frames_are_kept_where_equal_and_replaced_on_request_where_not() {
     place.error(&["render", "run", "-o", "frames", "--tonemap", "aces"], &["frames/000.png: exists already", "and so do 1 more"]);
     assert!(bytes("frames/000.exr") == frame && bytes("frames/000.png") == preview);
 
-    let before = image(&place, "frames/000.exr");
+    let before = place.image("frames/000.exr");
     place.ok(&with(&["--edit", "gain 2", "--overwrite"]));
-    let after = image(&place, "frames/000.exr");
+    let after = place.image("frames/000.exr");
     let sum = |image: &Image| image.pixels.as_flattened().iter().map(|v| f64::from(*v)).sum::<f64>();
     assert!((sum(&after) / sum(&before) - 2.0).abs() < 0.05, "{} {}", sum(&before), sum(&after));
     assert!(bytes("frames/000.png") != preview);
     // The edited scene as a file makes the same frames.
     place.ok(&["edit", "run", "--gain", "2", "-o", "edited.ply"]);
     let edited = ["render", "edited.ply", "--data", "data", "-o", "frames", "--tonemap", "agx"];
-    assert!(notes(&place, &edited).contains("2 images exist already"));
+    assert!(place.notes(&edited).contains("2 images exist already"));
     // Without a preview, the one of the replaced frame goes.
     place.ok(&["render", "run", "-o", "frames", "--overwrite"]);
     assert!(bytes("frames/008.exr") != frame && !place.path("frames/000.png").exists());
@@ -100,7 +89,7 @@ fn a_video_is_kept_where_equal_and_replaced_on_request_where_not() {
     place.ok(&video(&[]));
     let first = read();
     assert!(first.contains("comment=luxel:made_by=") && first.contains("file:-d/"), "{first}");
-    assert!(notes(&place, &video(&[])).contains("a:b.mp4: exists already and is kept"));
+    assert!(place.notes(&video(&[])).contains("a:b.mp4: exists already and is kept"));
     place.error(&video(&["--fps", "30"]), &["a:b.mp4: exists already", "--overwrite"]);
     assert_eq!(read(), first);
     place.ok(&video(&["--fps", "30", "--overwrite"]));
@@ -141,10 +130,10 @@ fn values_beyond_half_floats_are_kept() {
     place.ok(&["edit", "run", "--gain", "1e7", "-o", "bright.ply"]);
     place.ok(&["render", "bright.ply", "--data", "data", "-o", "bright"]);
     place.ok(&["probe", "bright.ply", "--data", "data", "--at", "0,0,1.2", "-o", "bright.exr", "--size", "32"]);
-    let most = |name: &str| image(&place, name).pixels.as_flattened().iter().copied().fold(0.0, f32::max);
+    let most = |name: &str| place.image(name).pixels.as_flattened().iter().copied().fold(0.0, f32::max);
     assert!(most("bright/000.exr") > 1e5 && most("bright.exr") > 1e5, "{} {}", most("bright/000.exr"), most("bright.exr"));
     // Half floats where they were asked for, with a warning.
-    let half = notes(&place, &["render", "bright.ply", "--data", "data", "-o", "half", "--exr-type", "half"]);
+    let half = place.notes(&["render", "bright.ply", "--data", "data", "-o", "half", "--exr-type", "half"]);
     assert!(half.contains("exceed 65504") && half.contains("--exr-type half") && most("half/000.exr") == 65504.0, "{half}");
 }
 

@@ -9,10 +9,6 @@ use luxel_core::Image;
 use luxel_io::{ReadOptions, read_image};
 use serde_json::{Value, json};
 
-fn image(place: &Workplace, name: &str) -> Image {
-    read_image(&place.path(name), &ReadOptions::default()).unwrap().image
-}
-
 fn light(image: &Image) -> f64 {
     image.pixels.iter().flatten().map(|v| f64::from(*v)).sum()
 }
@@ -23,11 +19,11 @@ fn a_run_is_rendered_with_other_lenses_and_trained_on_what_they_show() {
     place.train("run", &[]);
     let render = |args: &[&str]| place.ok(&[&["render", "run", "--overwrite"][..], args].concat());
     render(&["--projection", "equirectangular", "--at", "0,0,1.2", "--size", "64x32", "-o", "panorama"]);
-    let panorama = image(&place, "panorama/panorama.exr");
+    let panorama = place.image("panorama/panorama.exr");
     assert_eq!([panorama.width, panorama.height], [64, 32]);
     assert!(light(&panorama) > 0.0);
     render(&["--projection", "fisheye", "--fov", "200", "--size", "40x40", "--split", "all", "--stereo", "0.1", "-o", "domes"]);
-    let eyes = ["left", "right"].map(|eye| image(&place, &format!("domes/000_{eye}.exr")));
+    let eyes = ["left", "right"].map(|eye| place.image(&format!("domes/000_{eye}.exr")));
     assert!(eyes[0] != eyes[1] && light(&eyes[0]) > 0.0);
     // Beyond the circle there is nothing.
     assert_eq!(eyes[0].at(0, 0), [0.0; 3]);

@@ -228,7 +228,7 @@ fn render(args: &RenderArgs, engine: &mut dyn Engine, camera: &Camera, options: 
         true => engine.render_layers(camera, options)?,
         false => Layers { image: engine.render(camera, options)?, ..Layers::default() },
     };
-    let normals = if args.normals { Some(engine.render_normals(camera, options)?) } else { None };
+    let normals = if args.normals { Some(engine.render_normals(camera, options).context("cannot render normals")?) } else { None };
     Ok(Picture { layers, normals })
 }
 

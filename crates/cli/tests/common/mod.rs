@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 use luxel_core::Image;
-use luxel_io::{ExrOptions, ExrSample};
+use luxel_io::{ExrOptions, ExrSample, ReadOptions};
 
 /// Pixels a side.
 pub const SIDE: usize = 24;
@@ -60,6 +60,14 @@ impl Workplace {
         let stderr = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.success(), "{args:?}: {:?}\n{stderr}", output.status);
         String::from_utf8(output.stdout).unwrap()
+    }
+
+    /// Runs to success; stderr.
+    pub fn notes(&self, args: &[&str]) -> String {
+        let output = self.luxel(args).output().unwrap();
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{args:?}\n{stderr}");
+        stderr
     }
 
     /// Runs to a failure with this exit code; stderr.
@@ -116,6 +124,10 @@ impl Workplace {
         let events =
             told.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|error| panic!("{args:?}: {error} in {line}\n{told}")));
         events.filter(|event: &serde_json::Value| event["event"] == name).collect()
+    }
+
+    pub fn image(&self, name: &str) -> Image {
+        luxel_io::read_image(&self.path(name), &ReadOptions::default()).unwrap().image
     }
 
     pub fn json(&self, name: &str) -> serde_json::Value {

@@ -46,7 +46,7 @@ impl DeepJob {
 /// could not hold it.
 pub(super) fn write(args: &RenderArgs, scene: &Scene, job: &Job, engine: &mut dyn Engine, options: &RenderOptions) -> Result<bool> {
     let Some(DeepJob { path, most_samples, .. }) = &job.deep else { return Ok(false) };
-    let image = engine.render_deep(&job.camera, options, usize::from(*most_samples))?;
+    let image = engine.render_deep(&job.camera, options, usize::from(*most_samples)).context("cannot render a deep image")?;
     let image = in_units_of_the_data(args, scene, image);
     let options = ExrOptions {
         sample: match args.exr_type {
