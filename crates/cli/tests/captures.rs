@@ -164,6 +164,56 @@ fn gausshdr_trains_on_captured_images_alone_and_is_a_run_like_others() {
 }
 
 #[test]
+fn pairs_are_read_as_radiance_as_captured_images_or_both_with_and_without_a_split() {
+    let place = Workplace::new();
+    record_beside_radiance(&place);
+    for has_split in [true, false] {
+        if !has_split {
+            std::fs::remove_file(place.path("data/split.json")).unwrap();
+        }
+        for (supervision, train) in [("hdr", VIEWS - 2), ("ldr", 2 * (VIEWS - 2)), ("both", VIEWS - 2)] {
+            let told = place.ok(&["info", "data", "--supervision", supervision]);
+            let count = |words: &str| told.lines().find_map(|line| line.strip_prefix(words)).unwrap().trim().parse::<usize>().unwrap();
+            assert_eq!((count("train views"), count("test views")), (train, 2), "{supervision} {has_split}");
+        }
+    }
+}
+
+#[test]
+fn a_study_measures_methods_with_and_without_radiance_by_one_scale() {
+    let place = Workplace::new();
+    record_beside_radiance(&place);
+    let study = |methods: &str| {
+        let options = ["--seeds", "1", "--iterations", "20", "--init-points", "50", "--threads", "2"];
+        place.ok(&[&["reproduce", "data", "-o", "study", "--methods", methods][..], &options].concat());
+    };
+    let scales = || {
+        let runs = std::fs::read_to_string(place.path("study/runs.csv")).unwrap();
+        let rows: Vec<Vec<String>> = runs.lines().map(|line| line.split(',').map(str::to_owned).collect()).collect();
+        let column = rows[0].iter().position(|name| name == "radiance_scale").unwrap();
+        rows[1..].iter().map(|row| row[column].clone()).collect::<Vec<_>>()
+    };
+    study("gausshdr");
+    let own = scales();
+    study("gausshdr,sh0");
+    let one = scales();
+    assert!(own.len() == 1 && one.len() == 2 && one[0] == one[1] && one[0] != own[0], "{own:?} {one:?}");
+    let run = "study/runs/data/gausshdr/seed_1";
+    // What the run itself says stays, until it is asked for another scale.
+    let of_run = || place.json(&format!("{run}/metrics.json"));
+    assert_eq!(of_run()["radiance_scale"].to_string(), own[0]);
+    place.ok(&["eval", run, "--scale", &one[0], "--threads", "2"]);
+    let asked = of_run();
+    assert_eq!(asked["radiance_scale"].to_string(), one[0]);
+    for split in ["test", "test_gain_common"] {
+        let psnr = |metrics: &serde_json::Value| metrics["splits"][split]["mean"]["psnr_scene"].as_f64().unwrap();
+        let of_study = place.json(&format!("{run}/measured.json"))["by_scale"].clone();
+        assert_eq!(psnr(&of_study), psnr(&asked), "{split}");
+    }
+    place.fails(2, &["eval", run, "--scale", "0"]);
+}
+
+#[test]
 fn a_run_on_recordings_tells_the_response_and_figures_with_and_without_its_scale() {
     let place = Workplace::new();
     record(&place);

@@ -41,9 +41,11 @@ pub(super) fn assemble(
     loading: &Loading<'_>,
 ) -> Result<Dataset, IoError> {
     let DatasetSource { format, folder, mut frames, split, points, points_from, mut warnings, .. } = source;
-    if options.supervision == Supervision::Both {
-        frames = recordings::pair(path, frames)?;
-    }
+    frames = match options.supervision {
+        Supervision::Hdr => recordings::radiance_alone(frames, &split),
+        Supervision::Ldr => recordings::pair_unlisted(frames, &split),
+        Supervision::Both => recordings::pair(path, frames)?,
+    };
     if frames.is_empty() {
         return Err(IoError::invalid(path, "no images, expected at least one"));
     }

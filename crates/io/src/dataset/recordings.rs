@@ -1,7 +1,7 @@
 //! Captured LDR images: display-referred images with their exposures, as data sets for HDR from LDR
 //! have them beside or in place of radiance.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
@@ -13,6 +13,7 @@ use serde_json::Value;
 use super::files::{Finder, Substitute, view_name, without_extension};
 use super::json_fields::{kind_of, parse_json};
 use super::source::{Recording, SourceFrame};
+use super::split::SplitRule;
 use crate::IoError;
 use crate::read_file::read_file;
 
@@ -229,6 +230,48 @@ pub(super) fn pair(path: &Path, frames: Vec<SourceFrame>) -> Result<Vec<SourceFr
         return Err(IoError::invalid(path, message).with_remedy(remedy));
     }
     Ok(frames)
+}
+
+/// Moves frames that are captured LDR images to frames of radiance that have their poses, as
+/// [`pair`] does, where the split leaves their side to the frame of radiance. Others stay frames.
+pub(super) fn pair_unlisted(mut frames: Vec<SourceFrame>, split: &SplitRule) -> Vec<SourceFrame> {
+    let partners = partners(&frames, split);
+    for (i, radiance) in partners.iter().enumerate() {
+        let (Some(radiance), Some(exposure_s)) = (*radiance, frames[i].exposure_s) else { continue };
+        let recording = Recording { name: frames[i].name.clone(), image: frames[i].image.clone(), exposure_s };
+        frames[radiance].recordings.push(recording);
+    }
+    without_partner(frames, &partners)
+}
+
+/// Leaves out frames that are captured LDR images where radiance has their pose, and the split
+/// leaves their side to it.
+pub(super) fn radiance_alone(frames: Vec<SourceFrame>, split: &SplitRule) -> Vec<SourceFrame> {
+    let partners = partners(&frames, split);
+    without_partner(frames, &partners)
+}
+
+/// Returns for each frame that is a captured LDR image the place of the frame of radiance that has
+/// its pose, if the split leaves its side to that.
+fn partners(frames: &[SourceFrame], split: &SplitRule) -> Vec<Option<usize>> {
+    let pose = |frame: &SourceFrame| frame.camera_from_world.to_cols_array().map(f64::to_bits);
+    let listed = match split {
+        SplitRule::Lists(lists) => lists.named(frames.iter().map(|frame| frame.name.as_str())),
+        SplitRule::Frames | SplitRule::EveryEighth => HashSet::new(),
+    };
+    let goes_with = |captured: &SourceFrame, radiance: &SourceFrame| match split {
+        SplitRule::Lists(_) | SplitRule::EveryEighth => true,
+        SplitRule::Frames => captured.part.is_none() || captured.part == radiance.part,
+    };
+    let partner = |(i, frame): (usize, &SourceFrame)| {
+        let is_partner = |other: &SourceFrame| other.exposure_s.is_none() && pose(other) == pose(frame) && goes_with(frame, other);
+        if frame.exposure_s.is_none() || listed.contains(&i) { None } else { frames.iter().position(is_partner) }
+    };
+    frames.iter().enumerate().map(partner).collect()
+}
+
+fn without_partner(frames: Vec<SourceFrame>, partners: &[Option<usize>]) -> Vec<SourceFrame> {
+    frames.into_iter().zip(partners).filter(|(_, partner)| partner.is_none()).map(|(frame, _)| frame).collect()
 }
 
 /// Checks that training poses have equally many captured images: a file or an exposure that is

@@ -1,6 +1,6 @@
 //! The split of views: those that are trained on and those that are held out.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
@@ -31,6 +31,14 @@ pub struct SplitLists {
     pub train: Vec<String>,
     /// Names of held-out images.
     pub test: Vec<String>,
+}
+
+impl SplitLists {
+    /// Returns which of the views with these names a list names, from 0.
+    pub(super) fn named<'a>(&self, names: impl IntoIterator<Item = &'a str>) -> HashSet<usize> {
+        let index = NameIndex::new(names);
+        self.train.iter().chain(&self.test).filter_map(|name| index.find(name).flatten()).collect()
+    }
 }
 
 /// How views are split.
