@@ -14,6 +14,8 @@
 //! measured. The vignetting of a view's target ([`luxel_core::Target::vignetting`]) is applied to
 //! its prediction before that.
 
+use std::borrow::Cow;
+
 use luxel_core::{Engine, EngineError, Image, Knots, PixelValues, RadianceScale, ReadError, Remedy, RenderOptions, Response, View};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -98,6 +100,9 @@ pub enum GainFit<'a> {
 pub struct Measures<'a> {
     /// The data-set radiance of one normalised unit.
     pub radiance_scale: RadianceScale,
+    /// The data-set radiance that is 1 in protocol `scene`, in the decades and on the display of
+    /// PU21; `None` for that of a normalised unit.
+    pub protocol_scale: Option<RadianceScale>,
     /// The mu of the mu-law.
     pub mu: f32,
     /// Options of the metrics that need no mu-law.
@@ -114,7 +119,29 @@ impl Measures<'_> {
     /// Returns settings for images in linear Rec.709, with the default display, without HDR-FLIP
     /// and LPIPS.
     pub fn new(radiance_scale: RadianceScale, mu: f32) -> Self {
-        Self { radiance_scale, mu, field: FieldOptions::default(), lpips: None, response: None, gain_fit: GainFit::None }
+        let field = FieldOptions::default();
+        Self { radiance_scale, protocol_scale: None, mu, field, lpips: None, response: None, gain_fit: GainFit::None }
+    }
+
+    /// Returns a prediction in units of the protocol's scale.
+    fn in_protocol_units<'i>(&self, view: &View, prediction: &'i Image) -> Cow<'i, Image> {
+        match self.protocol_scale {
+            Some(scale) if scale != self.radiance_scale && view.values == PixelValues::Radiance => {
+                let mut image = prediction.clone();
+                image.scale(scale.normalised_value(self.radiance_scale.get()));
+                Cow::Owned(image)
+            }
+            _ => Cow::Borrowed(prediction),
+        }
+    }
+
+    /// Returns the image of a view in units of the protocol's scale, or its captured values.
+    fn target(&self, view: &View) -> Image {
+        let mut target = Image::clone(&view.image);
+        if view.values == PixelValues::Radiance {
+            self.protocol_scale.unwrap_or(self.radiance_scale).normalise(&mut target);
+        }
+        target
     }
 
     /// Returns the number of views that are measured in parallel. A network is parallel in itself,
@@ -335,8 +362,10 @@ pub fn probe(
     let mut prediction = vignetted_render(engine, options, view)?;
     multiply(&mut prediction, log_gain);
     let prediction = to_view_values(view, prediction, measures.radiance_scale, measures.response)?;
-    let (target, mu) = (normalised(view, measures.radiance_scale), mu_of(view, measures));
-    psnr_scene(&prediction, &target, view.mask.as_deref(), mu).map(Some).map_err(|source| failed(view, source))
+    let (target, mu) = (measures.target(view), mu_of(view, measures));
+    psnr_scene(&measures.in_protocol_units(view, &prediction), &target, view.mask.as_deref(), mu)
+        .map(Some)
+        .map_err(|source| failed(view, source))
 }
 
 /// Returns the mu with which the view's values are compared.
@@ -351,7 +380,8 @@ fn mu_of(view: &View, measures: &Measures<'_>) -> f32 {
 type ViewResult = (ViewMetrics, Option<FieldMetrics>, LuminanceProfile);
 
 fn measure(view: &View, prediction: &Image, measures: &Measures<'_>) -> Result<ViewResult, EvaluationError> {
-    let (target, mask) = (normalised(view, measures.radiance_scale), view.mask.as_deref());
+    let (target, mask) = (measures.target(view), view.mask.as_deref());
+    let prediction = &*measures.in_protocol_units(view, prediction);
     let metrics = view_metrics(prediction, &target, mask, mu_of(view, measures)).map_err(|source| failed(view, source))?;
     if view.values != PixelValues::Radiance {
         return Ok((metrics, None, LuminanceProfile::default()));
@@ -364,14 +394,6 @@ fn measure(view: &View, prediction: &Image, measures: &Measures<'_>) -> Result<V
         lpips.record(distance.map_err(|source| EvaluationError::Lpips { view: view.name.clone(), source })?, &mut field);
     }
     Ok((metrics, Some(field), profile))
-}
-
-fn normalised(view: &View, radiance_scale: RadianceScale) -> Image {
-    let mut target = Image::clone(&view.image);
-    if view.values == PixelValues::Radiance {
-        radiance_scale.normalise(&mut target);
-    }
-    target
 }
 
 fn has_valid_pixel(view: &View) -> bool {

@@ -38,7 +38,19 @@ const SHORT: [ShortHelp; 19] = [
     ShortHelp { command: "view", options: &["with", "data", "listen", "no-browser", "device", "quiet"], example: "luxel view run" },
     ShortHelp {
         command: "eval",
-        options: &["data", "output", "metrics", "lpips-weights", "peak-luminance", "downscale", "masks", "device", "json", "quiet"],
+        options: &[
+            "data",
+            "output",
+            "metrics",
+            "lpips-weights",
+            "scale",
+            "peak-luminance",
+            "downscale",
+            "masks",
+            "device",
+            "json",
+            "quiet",
+        ],
         example: "luxel eval run --metrics all",
     },
     ShortHelp {

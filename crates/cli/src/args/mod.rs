@@ -302,7 +302,11 @@ pub(crate) struct EvalArgs {
     /// Metrics to compute.
     #[command(flatten)]
     pub(crate) metrics: MetricsArgs,
-    /// Luminance in cd/m2 at which the display of PU21 shows the scene's radiance scale, above 0.
+    /// Radiance that is 1 in protocol scene, in the decades and on the display of PU21, above 0
+    /// [default: the scene's radiance scale].
+    #[arg(long, value_parser = parse_positive, value_name = "RADIANCE")]
+    pub(crate) scale: Option<f32>,
+    /// Luminance in cd/m2 at which the display of PU21 shows that radiance, above 0.
     #[arg(long, default_value_t = FieldOptions::DEFAULT_PEAK_LUMINANCE, value_parser = parse_positive, value_name = "CD/M2")]
     pub(crate) peak_luminance: f32,
     /// Reading the data set.

@@ -6,6 +6,7 @@ use anyhow::{Context, Result, bail};
 use luxel::run::evaluation::read_lpips;
 use luxel::run::{EvaluationData, ExplicitArgs, MetricsOptions, RunFolder, evaluate_run, evaluate_scene};
 use luxel::{files, output, schema};
+use luxel_core::RadianceScale;
 use luxel_metrics::Lpips;
 use serde_json::json;
 
@@ -50,7 +51,8 @@ pub(crate) fn run(args: &EvalArgs, explicit: &ExplicitArgs) -> Result<()> {
 }
 
 fn metrics<'a>(args: &EvalArgs, lpips: Option<&'a Lpips>) -> MetricsOptions<'a> {
-    MetricsOptions { peak_luminance: args.peak_luminance, flip: args.metrics.metrics.into(), lpips }
+    let scale = args.scale.and_then(RadianceScale::new);
+    MetricsOptions { peak_luminance: args.peak_luminance, flip: args.metrics.metrics.into(), lpips, scale }
 }
 
 /// Evaluates a scene that is a file.
@@ -83,7 +85,8 @@ fn scene_file(args: &EvalArgs, explicit: &ExplicitArgs, lpips: Option<&Lpips>, c
         console.result(&event, &metrics_table::table(name, split))?;
     }
     let scale = luxel::text::number(found.radiance_scale.get().into());
-    console.note(&format!("1 in protocol scene is the scene's radiance scale, {scale}; gtmax and selfmax do not depend on it"));
+    let whose = if args.scale.is_some() { "that of --scale" } else { "the scene's radiance scale" };
+    console.note(&format!("1 in protocol scene is {whose}, {scale}; gtmax and selfmax do not depend on it"));
     console.finish_silently(json!({ "output": args.output.as_ref().map(|folder| folder.display().to_string()) }));
     Ok(())
 }

@@ -190,6 +190,7 @@ impl ImplicitSession<'_> {
             engine,
             options: RenderOptions { background: self.config.background(place.radiance_scale), ..place.render_options() },
             radiance_scale: place.radiance_scale,
+            protocol_scale: None,
             mu: self.config.train.mu,
             color_space: self.dataset.color_space,
             peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,

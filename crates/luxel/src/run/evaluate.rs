@@ -29,18 +29,21 @@ use crate::{Event, Observer, Result, SelectedEngine, build_info, files, memory, 
 /// Choice of the metrics of an evaluation.
 #[derive(Clone, Copy, Debug)]
 pub struct MetricsOptions<'a> {
-    /// Luminance at which the display of PU21 shows the scene's radiance scale, cd/m2.
+    /// Luminance at which the display of PU21 shows the scale, cd/m2.
     pub peak_luminance: f32,
     /// Whether HDR-FLIP is computed.
     pub flip: FlipChoice,
     /// The network of LPIPS, if it is computed.
     pub lpips: Option<&'a Lpips>,
+    /// Data-set radiance that is 1 in protocol `scene`, in the decades and on the display of PU21;
+    /// `None` for the scene's radiance scale.
+    pub scale: Option<RadianceScale>,
 }
 
 impl Default for MetricsOptions<'_> {
     /// The metrics of training: neither HDR-FLIP nor LPIPS.
     fn default() -> Self {
-        Self { peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE, flip: FlipChoice::Skip, lpips: None }
+        Self { peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE, flip: FlipChoice::Skip, lpips: None, scale: None }
     }
 }
 
@@ -84,6 +87,7 @@ pub fn evaluate_run(
         engine: engine.as_mut(),
         options,
         radiance_scale: scene.radiance_scale,
+        protocol_scale: metrics.scale,
         mu: config.train.mu,
         color_space: dataset.color_space,
         peak_luminance: metrics.peak_luminance,
@@ -95,6 +99,7 @@ pub fn evaluate_run(
     };
     let images =
         if is_own && *load == config.load { folder.evaluation(iteration) } else { folder.claim_evaluation_of(iteration, path, load)? };
+    let protocol_scale = metrics.scale.unwrap_or(scene.radiance_scale);
     let mut named = Vec::new();
     for (name, views, images) in [("test", &dataset.test, Some(images.as_path())), ("train", &dataset.train, None)] {
         named.extend(rendering.evaluate(views, images, GainFit::None)?.map(|split| (name, split)));
@@ -122,7 +127,7 @@ pub fn evaluate_run(
         train_seconds: spent.map_or(0.0, |record| record.elapsed_s),
         train_cpu_seconds: spent.and_then(|record| record.cpu_s),
         peak_rss_bytes: spent.and_then(|record| record.peak_rss_bytes).max(memory::peak_resident_bytes()),
-        radiance_scale: scene.radiance_scale,
+        radiance_scale: protocol_scale,
         mu: config.train.mu,
         seed: config.train.seed,
         threads,
@@ -173,7 +178,7 @@ pub struct SceneMetrics {
     pub color_model: String,
     /// Splats.
     pub splats: usize,
-    /// Radiance of the data set that is 1 in protocol `scene`: the scene's own scale.
+    /// Radiance of the data set that is 1 in protocol `scene`.
     pub radiance_scale: RadianceScale,
     /// mu of the mu-law.
     pub mu: f32,
@@ -211,6 +216,7 @@ pub fn evaluate_scene(
         engine: engine.as_mut(),
         options: scene.render_options(),
         radiance_scale: scene.radiance_scale,
+        protocol_scale: metrics.scale,
         mu,
         color_space: data.dataset.color_space,
         peak_luminance: metrics.peak_luminance,
@@ -231,7 +237,7 @@ pub fn evaluate_scene(
         scene: file.display().to_string(),
         color_model: scene.splats.color_model.name(),
         splats: scene.splats.len(),
-        radiance_scale: scene.radiance_scale,
+        radiance_scale: metrics.scale.unwrap_or(scene.radiance_scale),
         mu,
         computed_by,
         luxel_version: crate::VERSION.into(),

@@ -84,6 +84,9 @@ pub struct Rendering<'a> {
     pub options: RenderOptions,
     /// Data-set radiance of one normalised unit.
     pub radiance_scale: RadianceScale,
+    /// Data-set radiance that is 1 in protocol `scene`, in the decades and on the display of PU21;
+    /// `None` for that of a normalised unit.
+    pub protocol_scale: Option<RadianceScale>,
     /// mu of the mu-law.
     pub mu: f32,
     /// Colour space of the data set.
@@ -147,8 +150,13 @@ impl Rendering<'_> {
     /// A device that gave up; a render that is not finite.
     pub fn probe(&mut self, view: &View) -> Result<Option<f64>> {
         let log_gain = self.log_gain(view);
-        let measures = Measures { response: self.response.as_ref(), ..Measures::new(self.radiance_scale, self.mu) };
+        let measures = Measures { response: self.response.as_ref(), ..self.measures() };
         Ok(luxel_metrics::probe(self.engine, &self.options, &measures, view, log_gain)?)
+    }
+
+    /// Returns the settings of the measurement without response, display and network.
+    fn measures(&self) -> Measures<'static> {
+        Measures { protocol_scale: self.protocol_scale, ..Measures::new(self.radiance_scale, self.mu) }
     }
 
     /// Returns the ln gain of a view: 0 unless it was trained on.
@@ -189,6 +197,7 @@ impl Rendering<'_> {
             progress: self.progress,
             options: self.options,
             radiance_scale: self.radiance_scale,
+            protocol_scale: self.protocol_scale,
             mu: self.mu,
             color_space: self.color_space,
             peak_luminance: self.peak_luminance,
@@ -243,6 +252,7 @@ impl Rendering<'_> {
     /// A device that gave up; a render that is not finite; an image that cannot be written.
     pub fn evaluate(&mut self, views: &[View], images: Option<&Path>, gain_fit: GainFit<'_>) -> Result<Option<SplitMetrics>> {
         let (scale, color_space) = (self.radiance_scale, self.color_space);
+        let protocol_scale = self.protocol_scale.unwrap_or(scale);
         let known: Vec<[f32; 3]> = views.iter().map(|view| self.log_gain(view)).collect();
         let gain_fit = match gain_fit {
             GainFit::None => GainFit::Known(&known),
@@ -261,15 +271,14 @@ impl Rendering<'_> {
                     scale.restore(&mut render);
                 }
                 let mut pictures = files.iter().zip([&render, &view.image]);
-                failed = pictures.try_for_each(|(path, image)| write_exr(path, image, color_space, scale));
+                failed = pictures.try_for_each(|(path, image)| write_exr(path, image, color_space, protocol_scale));
             }
             if let (Some(progress), Ok(())) = (&mut progress, &failed) {
                 progress.add(&view.name, files);
             }
         };
         let field = FieldOptions { peak_luminance: self.peak_luminance, color_space, flip: self.flip };
-        let measures =
-            Measures { radiance_scale: scale, mu: self.mu, field, lpips: self.lpips, response: self.response.as_ref(), gain_fit };
+        let measures = Measures { field, lpips: self.lpips, response: self.response.as_ref(), gain_fit, ..self.measures() };
         let metrics = luxel_metrics::evaluate(self.engine, &self.options, &measures, views, &mut each)?;
         failed?;
         self.progress = progress;
@@ -358,6 +367,15 @@ mod tests {
 
     /// Measures a scene of 30 splats against its own render.
     fn measured(mask: Option<Mask>, gain: f32, log_gains: BTreeMap<String, [f32; 3]>) -> (Option<SplitMetrics>, Option<f64>) {
+        measured_by(None, mask, gain, log_gains)
+    }
+
+    fn measured_by(
+        protocol_scale: Option<RadianceScale>,
+        mask: Option<Mask>,
+        gain: f32,
+        log_gains: BTreeMap<String, [f32; 3]>,
+    ) -> (Option<SplitMetrics>, Option<f64>) {
         let mut engine = CpuEngine::new(1).unwrap();
         engine.load(&synthetic::room(30, 1), None).unwrap();
         let (camera, options) = (synthetic::room_camera([16, 12]), RenderOptions::default());
@@ -370,6 +388,7 @@ mod tests {
             engine: &mut engine,
             options,
             radiance_scale: RadianceScale::ONE,
+            protocol_scale,
             mu: 5000.0,
             color_space: ColorSpace::default(),
             peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
@@ -400,6 +419,29 @@ mod tests {
         let without = psnr(BTreeMap::from([("b".to_owned(), [0.5f32.ln(); 3])]));
         let with = psnr(BTreeMap::from([("a".to_owned(), [0.5f32.ln(); 3])]));
         assert!(without < 40.0 && with > 99.0, "{without} {with}");
+    }
+
+    #[test]
+    fn metrics_by_another_scale_are_those_of_images_in_its_units() {
+        let by = |scale: Option<f32>| {
+            let (split, probed) = measured_by(scale.and_then(RadianceScale::new), None, 0.8, BTreeMap::new());
+            let (split, probed) = (split.unwrap(), probed.unwrap());
+            assert!((split.mean.psnr_scene - probed).abs() < 1e-9);
+            split
+        };
+        let (own, one, half) = (by(None), by(Some(1.0)), by(Some(0.5)));
+        assert_eq!(own, one);
+        let (own, half) = (own.mean, half.mean);
+        assert!((own.psnr_gtmax - half.psnr_gtmax).abs() < 1e-4 && (own.psnr_selfmax - half.psnr_selfmax).abs() < 1e-4);
+        let mut engine = CpuEngine::new(1).unwrap();
+        engine.load(&synthetic::room(30, 1), None).unwrap();
+        let mut render = engine.render(&synthetic::room_camera([16, 12]), &RenderOptions::default()).unwrap();
+        render.scale(2.0);
+        let mut image = render.clone();
+        image.scale(0.8);
+        let expected = luxel_metrics::view_metrics(&render, &image, None, 5000.0).unwrap();
+        assert!((half.psnr_scene - expected.psnr_scene).abs() < 1e-3, "{} {}", half.psnr_scene, expected.psnr_scene);
+        assert!((half.psnr_scene - own.psnr_scene).abs() > 0.01);
     }
 
     #[test]

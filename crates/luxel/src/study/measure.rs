@@ -2,9 +2,10 @@
 //! leaves out.
 //!
 //! In: finished cells. Out: [`Measured`], stored in the cell and measured again only when more is
-//! asked for. Frames per second: all test views are rendered in turn, once unmeasured, then until
-//! [`ENOUGH`] or [`MOST_PASSES`]; the result is the number of views over the median time of a pass.
-//! Images stay in memory. Degenerate: without test views there is no number.
+//! asked for, or by another radiance scale ([`super::one_scale`]). Frames per second: all test views
+//! are rendered in turn, once unmeasured, then until [`ENOUGH`] or [`MOST_PASSES`]; the result is
+//! the number of views over the median time of a pass. Images stay in memory. Degenerate: without
+//! test views there is no number.
 
 use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hasher};
@@ -16,7 +17,7 @@ use crate::error::{Context, bail};
 use crate::files;
 use crate::run::evaluation::{self, Rendering};
 use crate::run::state::{self, LoadedRun};
-use luxel_core::{Dataset, Engine, RenderOptions, View};
+use luxel_core::{Dataset, Engine, RadianceScale, RenderOptions, View};
 use luxel_io::LoadOptions;
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips};
@@ -25,6 +26,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Failure;
 use super::matrix::{Cell, Matrix};
+use super::one_scale::{self, ByScale};
 use super::options::StudyOptions;
 use crate::Observer;
 use crate::schema;
@@ -37,8 +39,9 @@ const LEAST_PASSES: usize = 3;
 /// Number of passes that are enough in any case.
 const MOST_PASSES: usize = 20;
 
-/// Limit of the size of measured.json, which has a few hundred bytes.
-const LIMIT_BYTES: u64 = 1 << 20;
+/// Limit of the size of measured.json, which has a few hundred bytes, and with metrics by another
+/// scale a few kilobytes more for each view.
+const LIMIT_BYTES: u64 = 256 << 20;
 
 /// Contents of `measured.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -58,6 +61,9 @@ pub(super) struct Measured {
     /// Mean over the test views.
     pub(super) hdr_flip: Option<f64>,
     pub(super) lpips: Option<MeasuredLpips>,
+    /// Metrics of the test views by the radiance scale of the data set, where the run has another.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) by_scale: Option<ByScale>,
 }
 
 /// A mean over the test views.
@@ -87,20 +93,23 @@ pub(super) fn measure(
 ) -> Result<Vec<Failure>> {
     let place = |on_cpu| engine_of(on_cpu, device).map(|selected| selected.computed_by);
     let (of_splats, on_cpu) = (place(false)?, place(true)?);
-    let is_open = |cell: &Cell| {
+    let scales = one_scale::due(matrix, finished)?;
+    let is_open = |(cell, scale): &(&Cell, Option<RadianceScale>)| {
         let computed_by = if cell.config.train.method.renders_on_cpu() { &on_cpu } else { &of_splats };
-        read(cell).is_none_or(|measured| !options.are_covered_by(&measured) || measured.computed_by != *computed_by)
+        read(cell).is_none_or(|measured| !options.are_covered_by(&measured, *scale) || measured.computed_by != *computed_by)
     };
-    let cells = finished.iter().filter_map(|&i| matrix.cells.get(i));
-    let mut todo: Vec<&Cell> = cells.filter(|cell| is_open(cell)).collect();
+    let cells = finished.iter().filter_map(|&i| Some((matrix.cells.get(i)?, scales.get(&i).copied())));
+    let mut todo: Vec<(&Cell, Option<RadianceScale>)> = cells.filter(is_open).collect();
     // One data set after another, so that each is read once and one is held.
-    todo.sort_by_cached_key(|cell| (cell.source, format!("{:?}", cell.config.load)));
+    todo.sort_by_cached_key(|(cell, _)| (cell.source, format!("{:?}", cell.config.load)));
     let mut dataset: Option<HeldDataset> = None;
     let mut failures = Vec::new();
-    for cell in todo {
+    for (cell, scale) in todo {
         let name = cell.name(matrix);
         let measured = dataset_of(&mut dataset, cell, observer)
-            .and_then(|dataset| options.measure(cell, dataset, engine_of(cell.config.train.method.renders_on_cpu(), device)?, observer))
+            .and_then(|dataset| {
+                options.measure(cell, scale, dataset, engine_of(cell.config.train.method.renders_on_cpu(), device)?, observer)
+            })
             .and_then(|measured| files::write_json(&cell.folder.measured(), schema::MEASURED, &measured).map(|()| measured));
         match measured {
             Ok(Measured { frames_per_second: Some(fps), .. }) => observer.note(&format!("{name}: {fps:.1} frames per second")),
@@ -155,8 +164,11 @@ impl MeasureOptions {
         Ok(Self { flip: options.flip, lpips })
     }
 
-    /// Returns whether everything has been measured.
-    fn are_covered_by(&self, measured: &Measured) -> bool {
+    /// Returns whether everything has been measured, and by the scale that it is to be.
+    fn are_covered_by(&self, measured: &Measured, scale: Option<RadianceScale>) -> bool {
+        if measured.by_scale.as_ref().map(|by_scale| by_scale.radiance_scale) != scale {
+            return false;
+        }
         if measured.views == 0 {
             return true;
         }
@@ -166,7 +178,14 @@ impl MeasureOptions {
         has_lpips && (self.flip == FlipChoice::Skip || measured.hdr_flip.is_some())
     }
 
-    fn measure(&self, cell: &Cell, dataset: &Dataset, selected: SelectedEngine, observer: &dyn Observer) -> Result<Measured> {
+    fn measure(
+        &self,
+        cell: &Cell,
+        scale: Option<RadianceScale>,
+        dataset: &Dataset,
+        selected: SelectedEngine,
+        observer: &dyn Observer,
+    ) -> Result<Measured> {
         let iterations = cell.config.train.iterations;
         let LoadedRun { iteration: found, scene, selected, implicit } = state::load_newest(&cell.folder, &cell.config, selected, observer)?;
         if found != iterations {
@@ -177,11 +196,13 @@ impl MeasureOptions {
         }
         let SelectedEngine { mut engine, computed_by, .. } = selected;
         let engine = engine.as_mut();
+        let response = state::response(&cell.folder, &cell.config, iterations, implicit.as_ref())?;
         let options = scene.render_options_before(cell.config.train.background);
         let frames_per_second = frames_per_second(engine, &dataset.test, &options)?;
-        let before = read(cell);
+        let before = read(cell).filter(|before| before.by_scale.as_ref().map(|by_scale| by_scale.radiance_scale) == scale);
         let (mut hdr_flip, mut measured_lpips) = before.map_or((None, None), |before| (before.hdr_flip, before.lpips));
-        if self.flip == FlipChoice::Compute || self.lpips.is_some() {
+        let mut by_scale = None;
+        if self.flip == FlipChoice::Compute || self.lpips.is_some() || scale.is_some() {
             let lenses = state::vignetting(&cell.folder, &cell.config, dataset, iterations)?;
             let mut test = dataset.test.clone();
             LensVignetting::show_in(&lenses, &dataset.test, &mut test);
@@ -189,18 +210,22 @@ impl MeasureOptions {
                 engine,
                 options,
                 radiance_scale: scene.radiance_scale,
+                protocol_scale: scale,
                 mu: cell.config.train.mu,
                 color_space: dataset.color_space,
                 peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
                 flip: self.flip,
                 lpips: self.lpips.as_ref().map(|(lpips, _)| lpips),
-                response: state::response(&cell.folder, &cell.config, iterations, implicit.as_ref())?,
+                response,
                 // Test views have none.
                 log_gains: BTreeMap::new(),
                 progress: None,
             };
-            let metrics = rendering.evaluate(&test, None, GainFit::None)?.and_then(|split| split.mean_field);
-            if let Some(metrics) = metrics {
+            let found = rendering.evaluate(&test, None, GainFit::None)?;
+            if scale.is_some() {
+                by_scale = Some(ByScale::measure(&mut rendering, &cell.config, &test, found.clone())?);
+            }
+            if let Some(metrics) = found.and_then(|split| split.mean_field) {
                 hdr_flip = metrics.hdr_flip.or(hdr_flip);
                 if let (Some((lpips, weights)), Some(distance)) = (&self.lpips, metrics.lpips_alex.or(metrics.lpips_vgg)) {
                     measured_lpips = Some(MeasuredLpips { network: lpips.network().name().into(), distance, weights: weights.clone() });
@@ -218,6 +243,7 @@ impl MeasureOptions {
             size_px,
             hdr_flip,
             lpips: measured_lpips,
+            by_scale,
         })
     }
 }
@@ -268,11 +294,12 @@ mod tests {
             size_px: [4, 3],
             hdr_flip: None,
             lpips: None,
+            by_scale: None,
         };
         let options = |flip| MeasureOptions { flip, lpips: None };
-        assert!(options(FlipChoice::Skip).are_covered_by(&measured));
-        assert!(!options(FlipChoice::Compute).are_covered_by(&measured));
-        assert!(options(FlipChoice::Compute).are_covered_by(&Measured { hdr_flip: Some(0.1), ..measured.clone() }));
-        assert!(options(FlipChoice::Compute).are_covered_by(&Measured { views: 0, ..measured }));
+        assert!(options(FlipChoice::Skip).are_covered_by(&measured, None));
+        assert!(!options(FlipChoice::Compute).are_covered_by(&measured, None));
+        assert!(options(FlipChoice::Compute).are_covered_by(&Measured { hdr_flip: Some(0.1), ..measured.clone() }, None));
+        assert!(options(FlipChoice::Compute).are_covered_by(&Measured { views: 0, ..measured }, None));
     }
 }

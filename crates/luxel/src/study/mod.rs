@@ -34,6 +34,7 @@ mod latex;
 mod matrix;
 mod measure;
 mod method;
+mod one_scale;
 mod options;
 mod page;
 mod paper;

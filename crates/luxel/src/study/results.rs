@@ -28,7 +28,7 @@ pub(super) struct CellResult {
     pub(super) seed: u64,
     /// Place in the output folder.
     pub(super) place: PathBuf,
-    /// Metrics of the last step.
+    /// Metrics of the last step, by the radiance scale of the data set.
     pub(super) metrics: Metrics,
     pub(super) measured: Option<Measured>,
     /// Peak of resident memory while the process trained, before the last evaluation, bytes.
@@ -37,12 +37,13 @@ pub(super) struct CellResult {
 
 impl CellResult {
     pub(super) fn read(cell: &Cell) -> Result<Self> {
-        let path = cell.folder.evaluation(cell.config.train.iterations).join("metrics.json");
-        let metrics: Metrics = serde_json::from_str(&files::read_text(&path, LIMIT_BYTES)?)
-            .with_context(|| format!("{}: not the metrics of a run", path.display()))?;
+        let mut metrics = metrics_of_training(cell)?;
         let log = log::read(&cell.folder.log())?;
         let peak_bytes = log.last().and_then(|record| record.peak_rss_bytes).or(metrics.peak_rss_bytes);
         let (place, measured) = (cell.place.clone(), measure::read(cell));
+        if let Some(by_scale) = measured.as_ref().and_then(|measured| measured.by_scale.as_ref()) {
+            by_scale.replace_in(&mut metrics);
+        }
         Ok(Self { source: cell.source, method: cell.method, seed: cell.seed, place, metrics, measured, peak_bytes })
     }
 
@@ -69,6 +70,12 @@ impl CellResult {
     fn split(&self, name: &str) -> Option<&SplitMetrics> {
         self.metrics.splits.get(name).filter(|split| !split.views.is_empty())
     }
+}
+
+/// Reads the metrics that training wrote at its end, by the run's own radiance scale.
+pub(super) fn metrics_of_training(cell: &Cell) -> Result<Metrics> {
+    let path = cell.folder.evaluation(cell.config.train.iterations).join("metrics.json");
+    serde_json::from_str(&files::read_text(&path, LIMIT_BYTES)?).with_context(|| format!("{}: not the metrics of a run", path.display()))
 }
 
 /// Reads the results of the finished cells, in the matrix's order.

@@ -206,6 +206,7 @@ impl Session<'_> {
         Rendering {
             options,
             radiance_scale,
+            protocol_scale: None,
             mu: self.config.train.mu,
             color_space: self.dataset.color_space,
             peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
