@@ -2,10 +2,10 @@
 //! leaves out.
 //!
 //! In: finished cells. Out: [`Measured`], stored in the cell and measured again only when more is
-//! asked for, or by another radiance scale ([`super::one_scale`]). Frames per second: all test views
-//! are rendered in turn, once unmeasured, then until [`ENOUGH`] or [`MOST_PASSES`]; the result is
-//! the number of views over the median time of a pass. Images stay in memory. Degenerate: without
-//! test views there is no number.
+//! asked for, or by another radiance scale ([`super::one_scale`]). Frames per second: all test
+//! views are rendered in turn, once unmeasured, then until [`ENOUGH`] or [`MOST_PASSES`]; the
+//! result is the number of views over the median time of a pass. Images stay in memory. Degenerate:
+//! without test views there is no number.
 
 use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hasher};
