@@ -41,10 +41,10 @@ pub(super) struct TrainingRecord {
 }
 
 #[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 struct Description {
     color_model: ColorModel,
     raster: RasterConfig,
+    #[serde(flatten)]
     place: PlaceRecord,
     /// Only in checkpoints.
     training: Option<TrainingRecord>,

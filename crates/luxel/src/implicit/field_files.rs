@@ -34,9 +34,9 @@ pub(super) struct TrainingRecord {
 }
 
 #[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 struct Description {
     shape: FieldShape,
+    #[serde(flatten)]
     place: PlaceRecord,
     /// Only in checkpoints.
     training: Option<TrainingRecord>,

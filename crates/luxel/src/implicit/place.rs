@@ -29,9 +29,8 @@ pub(super) fn place_of(
     }
 }
 
-/// A place in the description of a file.
+/// The place in the description of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub(super) struct PlaceRecord {
     radiance_scale: RadianceScale,
     color_space: ColorSpace,
