@@ -8,7 +8,6 @@ use std::fmt::Write as _;
 use super::columns::by_key;
 use super::latex;
 use super::matrix::Matrix;
-use super::method;
 use super::paper::{self, PaperRow, PaperTable};
 use super::table::{Table, printed};
 use super::tables::Tables;
@@ -66,7 +65,7 @@ fn rows(matrix: &Matrix, table: &Table, papers: &PaperTable) -> Vec<Row> {
         });
         Row {
             method: theirs.method,
-            here: of_study.and(method).map(|method| format!("{} ({})", method.name(), method::description(method))),
+            here: of_study.and(method).map(|method| format!("{} ({})", method.name(), matrix.description(method))),
             ours: ours.to_vec(),
             theirs: THEIRS.map(|(_, decimals, value)| format!("{:.decimals$}", value(theirs))).to_vec(),
         }

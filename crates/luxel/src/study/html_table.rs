@@ -6,7 +6,6 @@ use crate::report::html::escape;
 
 use super::columns::{Better, Column, by_key, groups};
 use super::matrix::Matrix;
-use super::method;
 use super::paper::{self, PaperTable};
 use super::results::CellResult;
 use super::table::{Entry, Mark, Stat, Table, printed};
@@ -16,7 +15,7 @@ pub(super) fn ours(matrix: &Matrix, table: &Table) -> String {
     let mut out = head("method", &table.columns);
     for row in &table.rows {
         let model = matrix.methods[row.method];
-        let _ = write!(out, "<tr><td><b>{}</b><br><small>{}</small></td>", escape(&model.name()), escape(&method::description(model)));
+        let _ = write!(out, "<tr><td><b>{}</b><br><small>{}</small></td>", escape(&model.name()), escape(&matrix.description(model)));
         for (entry, column) in row.entries.iter().zip(&table.columns) {
             let _ = write!(out, "<td>{}</td>", entry.as_ref().map_or_else(|| "–".into(), |entry| value(entry, column, matrix.seeds.len())));
         }

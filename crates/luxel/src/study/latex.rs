@@ -8,7 +8,6 @@ use std::fmt::Write as _;
 use super::columns::{Better, Column, groups};
 use super::editing::{EXPONENT, Edited};
 use super::matrix::Matrix;
-use super::method;
 use super::paper::{self, PaperTable};
 use super::table::{Entry, Mark, Table, printed};
 use super::tables::Tables;
@@ -83,7 +82,7 @@ pub(super) fn table(matrix: &Matrix, table: &Table, caption: &str, label: &str) 
     let _ = writeln!(out, "{first_line} \\\\\nmethod{heads} \\\\\n\\midrule");
     for row in &table.rows {
         let model = matrix.methods[row.method];
-        let _ = write!(out, "{} ({})", escape(&model.name()), escape(&method::description(model)));
+        let _ = write!(out, "{} ({})", escape(&model.name()), escape(&matrix.description(model)));
         for (entry, column) in row.entries.iter().zip(&table.columns) {
             let _ = write!(out, " & {}", entry.as_ref().map_or_else(|| "--".into(), |entry| value(entry, column)));
         }

@@ -14,7 +14,7 @@ use crate::run::{Difference, ExplicitArgs, MadeBy, Occupant, RunConfig, RunFolde
 use crate::{DeviceOptions, Error};
 use luxel_core::Remedy;
 use luxel_io::LoadOptions;
-use luxel_train::TrainConfig;
+use luxel_train::{HdrNormalisation, TrainConfig};
 
 use super::method::{self, StudyMethod, with_method};
 use super::options::{StudyDataset, StudyOptions};
@@ -167,6 +167,12 @@ impl Matrix {
         config.imply_supervision(&ExplicitArgs::default());
         config.imply_exposure();
         Ok(Cell { source, method, seed, folder: RunFolder::at(&self.root.join(&place)), place, config, job: None })
+    }
+
+    /// Returns a method in a few words.
+    pub(super) fn description(&self, method: StudyMethod) -> String {
+        let cell = self.cells.iter().find(|cell| self.methods[cell.method] == method);
+        method::description(method, cell.map_or(HdrNormalisation::default(), |cell| cell.config.train.hdr_normalisation))
     }
 
     /// Returns the state of each cell, in order.

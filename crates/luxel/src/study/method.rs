@@ -12,7 +12,7 @@
 //! training are.
 
 use luxel_core::{Activation, ColorModel};
-use luxel_train::{FieldLoss, FieldNetworkChoice, Method, NamedChoice, TrainConfig};
+use luxel_train::{FieldLoss, FieldNetworkChoice, HdrNormalisation, Method, NamedChoice, TrainConfig};
 
 /// Names of the training options that a method's name stands for.
 pub const METHOD_OPTIONS: [&str; 6] = ["method", "activation", "chroma_degree", "luminance_degree", "field_loss", "field_network"];
@@ -176,15 +176,16 @@ pub(super) fn with_method(options: &TrainConfig, method: StudyMethod) -> TrainCo
     TrainConfig { method, activation, chroma_degree, luminance_degree, field_loss: None, field_network: None, ..options.clone() }
 }
 
-/// Returns a description in a few words.
-pub(super) fn description(method: StudyMethod) -> String {
+/// Returns a description in a few words. `scale` is that of the runs' radiance under the mu-law,
+/// which names the two forms of HDR-GS and Mono-HDR-GS.
+pub(super) fn description(method: StudyMethod, scale: HdrNormalisation) -> String {
     let model = match method {
         StudyMethod::Splats(model) => model,
         StudyMethod::OwnSteps(Method::GaussHdr) => return "GaussHDR, plain splats".into(),
         StudyMethod::OwnSteps(Method::LcdAnchors) => return "LCD on anchors".into(),
         StudyMethod::OwnSteps(Method::GaussHdrAnchors) => return "GaussHDR, anchors".into(),
-        StudyMethod::OwnSteps(Method::MonoHdrGs) => return "Mono-HDR-GS".into(),
-        StudyMethod::OwnSteps(_) => return "HDR-GS".into(),
+        StudyMethod::OwnSteps(Method::MonoHdrGs) => return format!("Mono-HDR-GS, {} scale", scale.name()),
+        StudyMethod::OwnSteps(_) => return format!("HDR-GS, {} scale", scale.name()),
         StudyMethod::Field { method, loss, network } => {
             let name = match method {
                 Method::HdrNerfGrid => "HDR-NeRF",
@@ -264,6 +265,12 @@ mod tests {
         ] {
             let method = parse_method(name).unwrap();
             assert_eq!((method, method.name().as_str()), (StudyMethod::OwnSteps(expected), name));
+            let words = [HdrNormalisation::Scene, HdrNormalisation::Own].map(|scale| description(method, scale));
+            match expected {
+                Method::HdrGs => assert_eq!(words, ["HDR-GS, scene scale", "HDR-GS, self scale"]),
+                Method::MonoHdrGs => assert_eq!(words, ["Mono-HDR-GS, scene scale", "Mono-HDR-GS, self scale"]),
+                _ => assert_eq!(words[0], words[1]),
+            }
             let config = with_method(&TrainConfig { luminance_degree: Some(1), ..TrainConfig::default() }, method);
             assert_eq!((config.method, config.luminance_degree), (expected, None));
             config.validate().unwrap();
@@ -284,7 +291,7 @@ mod tests {
         ] {
             let found = parse_method(name).unwrap();
             assert_eq!((found, found.name().as_str()), (StudyMethod::Field { method, loss, network }, name));
-            assert_eq!(description(found), words);
+            assert_eq!(description(found, HdrNormalisation::Scene), words);
             let config = with_method(&TrainConfig { luminance_degree: Some(1), ..TrainConfig::default() }, found);
             assert_eq!((config.method, config.field_loss, config.field_network), (method, loss, network));
             config.validate().unwrap();
