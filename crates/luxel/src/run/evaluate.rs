@@ -82,10 +82,9 @@ pub fn evaluate_run(
     let vignetting = vignetting_of(folder, config, data, iteration)?;
     let dataset = show_vignetting(&vignetting, dataset.in_frame(scene.world_from_local));
     let dataset = &*cameras.seen_by_training(dataset);
-    let options = scene.render_options_before(config.train.background);
     let mut rendering = Rendering {
         engine: engine.as_mut(),
-        options,
+        options: scene.render_options_before(config.train.background),
         radiance_scale: scene.radiance_scale,
         protocol_scale: metrics.scale,
         mu: config.train.mu,
@@ -99,7 +98,6 @@ pub fn evaluate_run(
     };
     let images =
         if is_own && *load == config.load { folder.evaluation(iteration) } else { folder.claim_evaluation_of(iteration, path, load)? };
-    let protocol_scale = metrics.scale.unwrap_or(scene.radiance_scale);
     let mut named = Vec::new();
     for (name, views, images) in [("test", &dataset.test, Some(images.as_path())), ("train", &dataset.train, None)] {
         named.extend(rendering.evaluate(views, images, GainFit::None)?.map(|split| (name, split)));
@@ -127,7 +125,7 @@ pub fn evaluate_run(
         train_seconds: spent.map_or(0.0, |record| record.elapsed_s),
         train_cpu_seconds: spent.and_then(|record| record.cpu_s),
         peak_rss_bytes: spent.and_then(|record| record.peak_rss_bytes).max(memory::peak_resident_bytes()),
-        radiance_scale: protocol_scale,
+        radiance_scale: metrics.scale.unwrap_or(scene.radiance_scale),
         mu: config.train.mu,
         seed: config.train.seed,
         threads,

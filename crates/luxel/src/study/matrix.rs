@@ -10,6 +10,8 @@ use std::path::{Path, PathBuf};
 
 use crate::Result;
 use crate::error::{Context, bail};
+use crate::files;
+use crate::run::evaluation::Metrics;
 use crate::run::{Difference, ExplicitArgs, MadeBy, Occupant, RunConfig, RunFolder, RunOptions};
 use crate::{DeviceOptions, Error};
 use luxel_core::Remedy;
@@ -31,6 +33,9 @@ const HEAD: &str = "# A matrix of Luxel training runs, as it was last asked for.
 
 /// Number of cells with differences that an error lists.
 const LISTED_CELLS: usize = 5;
+
+/// Limit of the size of metrics.json, which has a few kilobytes per view.
+const LIMIT_BYTES: u64 = 256 << 20;
 
 /// A data set.
 #[derive(Clone, Debug, PartialEq)]
@@ -234,7 +239,7 @@ impl Matrix {
     /// Writes the file that marks the folder.
     pub(super) fn claim(&self) -> Result<()> {
         std::fs::create_dir_all(&self.root).with_context(|| format!("{}: cannot create the output folder", self.root.display()))?;
-        crate::files::write_text(&self.root.join(MARK), &format!("{HEAD}{}", self.toml()?))
+        files::write_text(&self.root.join(MARK), &format!("{HEAD}{}", self.toml()?))
     }
 
     /// Returns the options as TOML, for people and for the record.
@@ -265,6 +270,13 @@ fn other_folder(message: String) -> Error {
 }
 
 impl Cell {
+    /// Reads the metrics that training wrote at its end, by the run's own radiance scale.
+    pub(super) fn metrics_of_training(&self) -> Result<Metrics> {
+        let path = self.folder.evaluation(self.config.train.iterations).join("metrics.json");
+        let text = files::read_text(&path, LIMIT_BYTES)?;
+        serde_json::from_str(&text).with_context(|| format!("{}: not the metrics of a run", path.display()))
+    }
+
     /// Returns the name of the cell: `desk-lamp lcd seed 42`.
     pub(super) fn name(&self, matrix: &Matrix) -> String {
         let (source, method) = (&matrix.sources[self.source], matrix.methods[self.method]);

@@ -16,7 +16,6 @@ use luxel_metrics::SplitMetrics;
 use serde::{Deserialize, Serialize};
 
 use super::matrix::Matrix;
-use super::results;
 use crate::Result;
 use crate::run::RunConfig;
 use crate::run::evaluation::{Metrics, Rendering};
@@ -55,7 +54,7 @@ pub(super) fn due(matrix: &Matrix, finished: &[usize]) -> Result<BTreeMap<usize,
     let mut own = Vec::with_capacity(finished.len());
     for &i in finished {
         let Some(cell) = matrix.cells.get(i) else { continue };
-        let scale = results::metrics_of_training(cell)?.radiance_scale;
+        let scale = cell.metrics_of_training()?.radiance_scale;
         if cell.config.load.supervision != Supervision::Ldr {
             of_source.entry(cell.source).or_insert(scale);
         }

@@ -7,7 +7,6 @@ use std::path::PathBuf;
 
 use crate::Result;
 use crate::error::Context;
-use crate::files;
 use crate::run::evaluation::Metrics;
 use crate::run::log;
 use luxel_metrics::SplitMetrics;
@@ -15,9 +14,6 @@ use luxel_metrics::{FieldMetrics, LuminanceProfile, ViewMetrics};
 
 use super::matrix::{Cell, Matrix};
 use super::measure::{self, Measured};
-
-/// Limit of the size of metrics.json, which has a few kilobytes per view.
-const LIMIT_BYTES: u64 = 256 << 20;
 
 /// A finished cell.
 pub(super) struct CellResult {
@@ -37,7 +33,7 @@ pub(super) struct CellResult {
 
 impl CellResult {
     pub(super) fn read(cell: &Cell) -> Result<Self> {
-        let mut metrics = metrics_of_training(cell)?;
+        let mut metrics = cell.metrics_of_training()?;
         let log = log::read(&cell.folder.log())?;
         let peak_bytes = log.last().and_then(|record| record.peak_rss_bytes).or(metrics.peak_rss_bytes);
         let (place, measured) = (cell.place.clone(), measure::read(cell));
@@ -70,12 +66,6 @@ impl CellResult {
     fn split(&self, name: &str) -> Option<&SplitMetrics> {
         self.metrics.splits.get(name).filter(|split| !split.views.is_empty())
     }
-}
-
-/// Reads the metrics that training wrote at its end, by the run's own radiance scale.
-pub(super) fn metrics_of_training(cell: &Cell) -> Result<Metrics> {
-    let path = cell.folder.evaluation(cell.config.train.iterations).join("metrics.json");
-    serde_json::from_str(&files::read_text(&path, LIMIT_BYTES)?).with_context(|| format!("{}: not the metrics of a run", path.display()))
 }
 
 /// Reads the results of the finished cells, in the matrix's order.
