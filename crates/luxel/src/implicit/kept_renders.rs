@@ -40,10 +40,6 @@ impl RenderOnly for KeptRenders {
         self.engine.render_layers(camera, options)
     }
 
-    fn normals(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Vec<[f32; 3]>, EngineError> {
-        self.engine.render_normals(camera, options)
-    }
-
     fn image(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {
         if let Some(kept) = self.kept.iter().find(|kept| kept.camera == *camera && kept.options == *options) {
             return Ok(kept.image.clone());
