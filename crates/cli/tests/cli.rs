@@ -196,7 +196,7 @@ fn a_scene_of_several_samples_says_so_and_renders_may_take_others() {
     assert_eq!(own, render("two", &["--samples", "2"]));
     assert_ne!(own, render("one", &["--samples", "1"]));
     place.fails(2, &["render", "run", "-o", "none", "--samples", "5"]);
-    place.error(&["train", "data", "-o", "none", "--samples-share", "0.5"], &["--samples-share", "--samples above 1"]);
+    place.error(&["train", "data", "-o", "none", "--samples", "1", "--samples-share", "0.5"], &["--samples-share", "--samples above 1"]);
 }
 
 #[test]

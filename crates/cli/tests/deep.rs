@@ -30,6 +30,9 @@ fn deep_images_are_written_kept_and_removed_with_their_images() {
 fn what_has_no_deep_image_is_an_error() {
     let place = Workplace::new();
     place.train("run", &[]);
+    // The scene has two samples, of which the images do without.
+    let notes = place.notes(&["render", "run", "-o", "ones", "--deep"]);
+    assert!(notes.contains("deep images have 1 sample along a pixel's side, where this scene was trained with 2"), "{notes}");
     place.error(&["render", "run", "-o", "frames", "--deep", "--samples", "2"], &["1 sample along a pixel's side, found 2", "--samples 1"]);
     place.fails(2, &["render", "run", "-o", "frames", "--deep=0"]);
     place.error(

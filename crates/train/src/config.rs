@@ -34,6 +34,11 @@ pub const MAX_SEED: u64 = i64::MAX as u64;
 /// Fewer splats would save little, however small the images.
 const MIN_BOUND_BY_DATA: u32 = 40_000;
 
+/// The most pixels of an image whose pixels are the mean of several samples where nothing else is
+/// asked for. Larger images have smaller pixels, in which splats hide less of each other, and their
+/// samples would take more memory and time.
+const MOST_SUPERSAMPLED_PX: u64 = 200_000;
+
 /// Factor by which the bound that follows from the images may rise.
 const MOST_RISE: usize = 4;
 
@@ -116,7 +121,14 @@ impl TrainConfig {
             CutoffPreset::Hdr => Cutoffs::HDR,
             CutoffPreset::Parity => Cutoffs::PARITY,
         };
-        RasterConfig { cutoffs, antialias: self.antialias, samples: self.samples }
+        RasterConfig { cutoffs, antialias: self.antialias, samples: self.samples.unwrap_or(1) }
+    }
+
+    /// Returns the number of samples along a pixel's side at the end of a run on training images
+    /// of at most `largest_px` pixels.
+    pub fn samples_for(&self, largest_px: u64) -> u8 {
+        let has_networks = self.method.has_own_steps() || self.method.has_anchors();
+        self.samples.unwrap_or(if has_networks || largest_px > MOST_SUPERSAMPLED_PX { 1 } else { 2 })
     }
 
     /// Returns the weights of the loss.

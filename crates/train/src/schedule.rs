@@ -106,7 +106,7 @@ impl Schedule {
             densify_interval: steps_of(config.densify_interval.max(1)),
             reset_interval: (is_adc && !is_frozen && config.opacity_reset_interval > 0).then_some(steps_of(config.opacity_reset_interval)),
             reduces_opacity: is_adc && !is_frozen && config.absgrad,
-            samples: (config.samples, iterations.saturating_sub(sampled_steps) + 1),
+            samples: (config.raster().samples, iterations.saturating_sub(sampled_steps) + 1),
             poses: config.refine_poses.then(|| pose_steps(config, iterations)),
             averaged_steps: averaged_steps.min(end.saturating_sub(densify_until)),
         }
@@ -300,14 +300,14 @@ mod tests {
     #[test]
     fn the_end_of_a_run_is_supersampled() {
         let samples = |share: f32| {
-            let config = TrainConfig { samples: 2, samples_share: share, iterations: 1000, ..TrainConfig::default() };
+            let config = TrainConfig { samples: Some(2), samples_share: share, iterations: 1000, ..TrainConfig::default() };
             let schedule = Schedule::new(&config, 1000, 2.0);
             [0, 1, 750, 751, 1000, 1001].map(|step| schedule.samples(step))
         };
         assert_eq!(samples(0.25), [1, 1, 1, 2, 2, 2]);
         assert_eq!(samples(1.0), [1, 2, 2, 2, 2, 2]);
         assert_eq!(samples(0.0), [1, 1, 1, 1, 1, 2]);
-        assert_eq!(schedule(1000).1.samples(1000), TrainConfig::default().samples);
+        assert_eq!(schedule(1000).1.samples(1000), 1);
     }
 
     #[test]

@@ -319,6 +319,11 @@ pub(crate) fn pixels(views: &[View]) -> u64 {
     views.iter().map(View::pixel_count).sum()
 }
 
+/// Returns the number of pixels of the largest view.
+pub(crate) fn largest_px(views: &[View]) -> u64 {
+    views.iter().map(View::pixel_count).max().unwrap_or(0)
+}
+
 fn reduce(view: &View, factor: u32, tone: ToneScale) -> View {
     weighted_by_noise(view.downscaled(factor, MIN_VALID), tone)
 }

@@ -156,7 +156,7 @@ fn data_without_pairs_and_options_of_other_methods_are_refused() {
     let refusals = [
         (TrainConfig { batch: 2, ..base(10) }, "batch"),
         (TrainConfig { strategy: Strategy::Mcmc, ..base(10) }, "strategy"),
-        (TrainConfig { samples: 2, ..base(10) }, "samples"),
+        (TrainConfig { samples: Some(2), ..base(10) }, "samples"),
         (TrainConfig { absgrad: true, ..base(10) }, "absgrad"),
         (TrainConfig { refine_poses: true, ..base(10) }, "refine_poses"),
         (TrainConfig { background: [0.1; 3], ..base(10) }, "background"),

@@ -83,7 +83,8 @@ pub(crate) struct RenderArgs {
     /// 3/4 together are all.
     #[arg(long, value_name = "I/N", value_parser = parse_shard, help_heading = "Cameras")]
     pub(crate) shard: Option<Shard>,
-    /// Supersampling: samples along each side of a pixel, 1 to 4 [default: the scene's].
+    /// Supersampling: samples along each side of a pixel, 1 to 4 [default: the scene's; 1 with
+    /// --deep].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=i64::from(luxel_core::MAX_SAMPLES)), help_heading = "Images")]
     pub(crate) samples: Option<u8>,
     /// Number format of the EXR files.

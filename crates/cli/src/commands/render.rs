@@ -105,7 +105,7 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     }
     let background = source.background(args.background);
     let scene = &source.scene;
-    let raster = RasterConfig { samples: args.samples.unwrap_or(scene.raster.samples), ..scene.raster };
+    let raster = RasterConfig { samples: samples(args, scene, &console), ..scene.raster };
     let options = RenderOptions { raster, background, ..scene.render_options() };
     let cameras = (args.path.is_some() || args.write_cameras.is_some())
         .then(|| shots.all.iter().map(|shot| shot.in_world(scene)).collect::<Vec<_>>());
@@ -166,6 +166,20 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     }
     console.finish_with_note(facts, &text);
     Ok(())
+}
+
+/// Returns the samples along a pixel's side. Deep images have one, and the images beside them are
+/// what they composite to.
+fn samples(args: &RenderArgs, scene: &Scene, console: &Console) -> u8 {
+    let of_scene = scene.raster.samples;
+    if args.samples.is_none() && args.deep.is_some() && of_scene > 1 {
+        console.note(&format!(
+            "deep images have 1 sample along a pixel's side, where this scene was trained with {of_scene}, and the images beside them have 1, too: \
+             fine detail is less smooth. A --size {of_scene} times as large keeps it"
+        ));
+        return 1;
+    }
+    args.samples.unwrap_or(of_scene)
 }
 
 /// Returns the recipe of all images, but for their cameras.

@@ -71,7 +71,7 @@ impl RunMemory {
 
     /// Returns the estimates with so many bytes for what a step may keep about tiles.
     fn estimate(plan: &ImagePlan, train: &TrainConfig, scene_splats: Option<u64>, is_on_gpu: bool, tile_bytes: u64) -> Self {
-        let samples = if is_on_gpu { 0 } else { u64::from(train.samples).pow(2) };
+        let samples = if is_on_gpu { 0 } else { u64::from(train.samples_for(plan.largest_px)).pow(2) };
         let step_samples = samples * train.crop.map_or(plan.largest_px, |side| plan.largest_px.min(u64::from(side).pow(2)));
         let is_in_channels = train.method.has_own_steps();
         let pixel_bytes = STEP_PIXEL_BYTES
@@ -191,7 +191,7 @@ mod tests {
         let few = TrainConfig { max_splats: Some(1000), ..config };
         assert_eq!(helps(&plan(100, 24_000_000, u64::MAX), &few, 8 << 30), ["image_memory", "downscale"]);
         assert_eq!(helps(&plan(300, 100_000_000, 1 << 30), &few, 8 << 30), ["downscale"]);
-        let sampled = TrainConfig { samples: 2, ..few.clone() };
+        let sampled = TrainConfig { samples: Some(2), ..few.clone() };
         assert_eq!(helps(&plan(300, 100_000_000, 1 << 30), &sampled, 8 << 30), ["downscale", "crop"]);
         // The bound by the pixels is no request.
         let unbounded = TrainConfig { max_splats: None, ..few };

@@ -233,7 +233,7 @@ impl Condition {
             Self::Mcmc => Some(config.strategy == Strategy::Mcmc),
             Self::Absgrad => Some(config.absgrad),
             Self::Batch => Some(config.batch > 1),
-            Self::Supersampling => Some(config.samples > 1),
+            Self::Supersampling => Some(config.samples != Some(1)),
             Self::RefinePoses => Some(config.refine_poses),
             Self::RadianceImages | Self::CapturedImages => None,
         }

@@ -215,3 +215,16 @@ fn nonsense_is_refused_with_the_options_name() {
     assert!(error.starts_with("seed") && error.contains("at most 9223372036854775807"), "{error}");
     assert!(parse(&["--resolution-schedule", "4@0,2@x"]).unwrap_err().contains("\"x\" is not a step"));
 }
+
+#[test]
+fn small_images_have_two_samples_along_a_pixels_side_unless_a_number_is_given() {
+    let samples = |arguments: &[&str], px: u64| {
+        parse(arguments).unwrap().with_preset(|name| name == "samples" && !arguments.is_empty()).samples_for(px)
+    };
+    assert_eq!([160_000, 200_000, 200_001, 24_000_000].map(|px| samples(&[], px)), [2, 2, 1, 1]);
+    assert_eq!([160_000, 24_000_000].map(|px| samples(&["--samples", "3"], px)), [3, 3]);
+    for method in ["hdr-gs", "mono-hdr-gs", "gausshdr", "lcd-anchors", "gausshdr-anchors"] {
+        assert_eq!(samples(&["--method", method], 160_000), 1, "{method}");
+    }
+    assert_eq!(TrainConfig::from_preset(Preset::Paper).samples_for(160_000), 1);
+}

@@ -27,7 +27,7 @@ pub(crate) fn check_options(config: &TrainConfig) -> Result<(), TrainError> {
         TrainConfig { batch, .. } if *batch > 1 => refused("batch", batch.to_string(), "1"),
         TrainConfig { strategy: Strategy::Mcmc, .. } => refused("strategy", "mcmc".to_owned(), "adc"),
         TrainConfig { absgrad: true, .. } => refused("absgrad", "true".to_owned(), "false"),
-        TrainConfig { samples, .. } if *samples > 1 && blends_channels => refused("samples", samples.to_string(), "1"),
+        TrainConfig { samples: Some(samples), .. } if *samples > 1 && blends_channels => refused("samples", samples.to_string(), "1"),
         TrainConfig { antialias: Antialias::Mip, .. } => refused("antialias", "mip".to_owned(), "off or pixel"),
         TrainConfig { freeze: Freeze::Geometry, .. } => refused("freeze", "geometry".to_owned(), "none"),
         TrainConfig { exposure_compensation, .. } if *exposure_compensation != ExposureCompensation::Off => {

@@ -24,7 +24,7 @@ pub(super) fn with_raster(config: TrainConfig, raster: &RasterConfig) -> Result<
         );
         return Err(TrainError::config("freeze", reason));
     };
-    Ok(TrainConfig { cutoffs, antialias, samples, ..config })
+    Ok(TrainConfig { cutoffs, antialias, samples: Some(samples), ..config })
 }
 
 /// Checks that a run on the data set can start from the scene.

@@ -19,7 +19,7 @@ use crate::pixel_weights::ToneScale;
 use crate::recorded::is_recorded;
 use crate::reduce::BatchMean;
 use crate::state::{Start, State, learns_response, poses_of};
-use crate::views::TrainingViews;
+use crate::views::{TrainingViews, largest_px};
 use crate::vignetting::{Lenses, check_lenses};
 use crate::{Initial, Method, NamedChoice, Schedule, TrainConfig, TrainError, free_space, initialise};
 
@@ -67,6 +67,7 @@ impl Trainer {
         check_focal(dataset, &config)?;
         check_lenses(dataset, &config)?;
         check_pair_method(dataset, &config, &*engine)?;
+        let config = TrainConfig { samples: Some(config.samples_for(largest_px(&dataset.train))), ..config };
         let response = is_recorded(&dataset.train)?.then(|| CameraResponse::new(config.unit_exposure, &dataset.train));
         let knots = response.as_ref().map(CameraResponse::knots);
         let response = if learns_response(dataset, &config)? { response } else { None };
