@@ -119,16 +119,20 @@ export default {
   async "a click on a hue selects that hue"() {
     const page = await open(at);
     await page.locator("#edit-add").click();
-    // The most colourful of some lit places.
+    // The most colourful of some lit places whose neighbours have their hue: a click is a whole number of the window's pixels.
     const [u, v] = await page.evaluate(() => {
-      const { scene } = window.luxel;
+      const { scene, shown } = window.luxel;
+      const { width, height } = shown.frame.head;
+      const lightAt = (u, v) => scene.rec709_from_scene.map((row) => row.reduce((sum, weight, c) => sum + weight * window.luxel.sample(u, v).radiance[c], 0));
+      const hueOf = ([r, g, b]) => (Math.atan2(Math.sqrt(3) * (g - b), 2 * r - g - b) * 180) / Math.PI;
       let best = { chroma: 0, place: [0.5, 0.5] };
       for (let y = 2; y < 39; y++) for (let x = 2; x < 39; x++) {
         const place = [(x + 0.5) / 41, (y + 0.5) / 41];
-        const { radiance } = window.luxel.sample(...place);
-        const light = scene.rec709_from_scene.map((row) => row.reduce((sum, weight, c) => sum + weight * radiance[c], 0));
+        const light = lightAt(...place);
         const chroma = (Math.max(...light) - Math.min(...light)) / (Math.max(...light) + 0.05 * scene.radiance_scale);
-        if (chroma > best.chroma) best = { chroma, place };
+        const beside = [[-1, 0], [1, 0], [0, -1], [0, 1]].map(([dx, dy]) => hueOf(lightAt(place[0] + dx / width, place[1] + dy / height)));
+        const isEven = beside.every((hue) => Math.abs((((hue - hueOf(light)) % 360) + 540) % 360 - 180) < 0.5);
+        if (isEven && chroma > best.chroma) best = { chroma, place };
       }
       return best.place;
     });
