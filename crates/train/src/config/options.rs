@@ -194,7 +194,7 @@ options! {
         /// Treatment of splats smaller than a pixel
         antialias: Antialias = Antialias::Pixel, "ANTIALIAS", Range::Any;
         /// Supersampling: number of samples along a pixel's side
-        samples: Option<u8> = None, "N", Range::Limits { min: 1, max: MAX_SAMPLES as u64 }, unset: "2 where no training image has more than 200000 pixels, else 1; always 1 for methods with networks";
+        samples: Option<u8> = None, "N", Range::Limits { min: 1, max: MAX_SAMPLES as u64 }, unset: "2 where no training image has more than 200000 pixels, 1 for larger images and for methods with networks";
         /// Fraction of the steps, at the end, that use supersampling
         samples_share: f32 = 0.25, "FRACTION", Range::Share, needs: [Supersampling];
         /// Cut-offs of the rasteriser

@@ -79,8 +79,8 @@ presets! {
     /// Paper: 3DGS's dilation. Full and fast: a pixel's own filter, because enlarged splats cannot
     /// represent an edge or a lamp that is sharper than they are.
     antialias:               Antialias::Off,              Antialias::Pixel,            Antialias::Pixel;
-    /// Paper: as published. Full and fast: by the size of the images, because what splats hide of
-    /// each other within a pixel is seen by several samples only.
+    /// Paper: one, as published. Full and fast: by the size of the images, because one sample does
+    /// not see what splats hide of each other within a pixel.
     samples:                 Some(1),                     None,                        None;
     /// Paper: 3DGS's cut-offs, derived for 8 bits. Full and fast: cut-offs for radiance, so that
     /// the faint surroundings of a lamp are not cut off.
