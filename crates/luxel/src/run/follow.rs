@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use luxel_core::Exchange;
 use luxel_train::Trainer;
 
-use super::launch::{RunStart, continue_with, limit_images, open_dataset};
+use super::launch::{RunStart, limit_images, open_dataset};
 use super::ranks::{STATE, broadcast, views_of};
 use super::{Launch, Outcome, RunConfig, RunFolder};
 use crate::error::Context;
@@ -36,7 +36,6 @@ pub fn follow(
     let state = broadcast(&mut *exchange, &[])?;
     let snapshot = luxel_io::decode_checkpoint(Path::new(STATE), &state)?;
     let mut trainer = Trainer::resume(&dataset, snapshot, engine).context("cannot start training")?.with_exchange(exchange);
-    continue_with(&config, &mut trainer)?;
     trainer.finish_average()?;
     // A signal asks for a stop from here on, and does not end the process.
     let _listening = stop.listen();

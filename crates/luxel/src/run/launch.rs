@@ -91,7 +91,8 @@ pub fn fresh_over(
     let dataset = open_dataset(&config.dataset_path(launch.folder.root()), &config, launch, start, views)?;
     limit_images(engine.as_mut(), &config);
     let trainer = first_trainer(&config, scene, &dataset, engine)?.with_exchange(exchange);
-    // Frozen geometry comes with the rasteriser's settings of its scene.
+    // The trainer settles what the options leave open: samples per pixel, and with frozen geometry the
+    // rasteriser's settings of its scene.
     let config = RunConfig { train: trainer.config().clone(), ..config };
     let lock = make_room(&dataset)?;
     launch.folder.write_config(&config)?;
@@ -160,6 +161,8 @@ pub fn resume_over(
         }
     };
     let trainer = trainer.with_exchange(exchange);
+    // A run that starts anew settles what its options leave open, as its first start did.
+    let config = RunConfig { train: trainer.config().clone(), ..config };
     folder.write_config(&config)?;
     train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })
 }
@@ -193,7 +196,7 @@ pub(super) fn limit_images(engine: &mut dyn Engine, config: &RunConfig) {
 
 /// Gives a resumed trainer the number of steps of `config`; everything else must be as the
 /// checkpoint has it.
-pub(super) fn continue_with(config: &RunConfig, trainer: &mut Trainer) -> Result<()> {
+fn continue_with(config: &RunConfig, trainer: &mut Trainer) -> Result<()> {
     let (wanted, made) = (config.train.iterations, trainer.iteration());
     if wanted < made {
         let message = format!("{wanted} iterations: the run has made {made} steps already");
