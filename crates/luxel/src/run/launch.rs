@@ -91,8 +91,8 @@ pub fn fresh_over(
     let dataset = open_dataset(&config.dataset_path(launch.folder.root()), &config, launch, start, views)?;
     limit_images(engine.as_mut(), &config);
     let trainer = first_trainer(&config, scene, &dataset, engine)?.with_exchange(exchange);
-    // The trainer settles what the options leave open: samples per pixel, and with frozen geometry the
-    // rasteriser's settings of its scene.
+    // The trainer decides what the options leave open: samples per pixel, and with frozen geometry
+    // the rasteriser's settings of its scene.
     let config = RunConfig { train: trainer.config().clone(), ..config };
     let lock = make_room(&dataset)?;
     launch.folder.write_config(&config)?;
@@ -161,7 +161,7 @@ pub fn resume_over(
         }
     };
     let trainer = trainer.with_exchange(exchange);
-    // A run that starts anew settles what its options leave open, as its first start did.
+    // A run that starts anew decides what its options leave open, as its first start did.
     let config = RunConfig { train: trainer.config().clone(), ..config };
     folder.write_config(&config)?;
     train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })
