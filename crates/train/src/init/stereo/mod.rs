@@ -5,12 +5,14 @@
 //! equal distance in inverse depth (plane sweep, Collins 1996), by the zero-mean normalised
 //! cross-correlation of log radiance, which neither exposure nor the range of a scene changes. A
 //! pixel's depth is kept if its best plane is unambiguous, and if the depths of other views agree
-//! (Schoenberger et al. 2016). Degenerate: views without a neighbour, ambiguous and missing
+//! (Schoenberger et al. 2016). The depths of what is left are then refined in larger images.
+//! Degenerate: views without a neighbour, ambiguous and missing
 //! texture, fisheyes and panoramas give no points.
 
 mod agree;
 mod neighbours;
 mod panel;
+mod refine;
 mod sweep;
 
 use luxel_core::{CameraProjection, Point, ReadError};
@@ -19,7 +21,8 @@ use rand::seq::index::sample;
 
 use self::agree::agreed;
 use self::neighbours::neighbours;
-use self::panel::Panel;
+use self::panel::{Panel, REFINED_PX, SWEPT_PX};
+use self::refine::refined;
 use self::sweep::DepthMap;
 use super::volume;
 use crate::start_views::StartViews;
@@ -44,11 +47,15 @@ pub(super) fn stereo_points(views: StartViews<'_>, points: &[Point], count: usiz
     let range = |i: usize| ranges.as_ref().and_then(|ranges| ranges.get(i).copied());
     let stride = train.len().div_ceil(MOST_VIEWS);
     let compared: Vec<usize> = (0..train.len()).step_by(stride).collect();
-    let panels = views.look(&compared, |i, view| Panel::new(view, i, points, range(i)))?;
+    let panels = views.look(&compared, |i, view| [SWEPT_PX, REFINED_PX].map(|side| Panel::new(view, i, points, range(i), side)))?;
+    let (panels, fine): (Vec<Panel>, Vec<Panel>) = panels.into_iter().map(Into::into).unzip();
     let near = neighbours(&panels);
     let maps: Vec<DepthMap> = panels.iter().zip(&near).map(|(panel, near)| sweep::depth_map(panel, near, &panels)).collect();
-    let mut found = agreed(&panels, &maps, &near);
-    tracing::info!(pixels = panels.iter().map(Panel::len).sum::<usize>(), agreed = found.len(), "stereo");
+    let found = agreed(&panels, &maps, &near);
+    let agreed = found.len();
+    let ratio = panels.iter().zip(&fine).map(|(panel, fine)| panel.factor / fine.factor).fold(1.0, f64::max);
+    let mut found = refined(&fine, found, ratio);
+    tracing::info!(pixels = panels.iter().map(Panel::len).sum::<usize>(), agreed, refined = found.len(), "stereo");
     if found.len() > count {
         let mut chosen = sample(rng, found.len(), count).into_vec();
         chosen.sort_unstable();
@@ -70,6 +77,7 @@ mod tests {
     use crate::testing::{camera_at, camera_looking_at, dataset_of, view_of};
 
     const SIDE_PX: u32 = 96;
+    const EYES: [[f64; 3]; 4] = [[-0.4, 0.0, 0.0], [0.0, 0.1, 0.0], [0.4, -0.1, 0.2], [0.0, 0.4, -0.2]];
 
     /// Radiance over four decades that changes from place to place.
     fn texture(x: f64, y: f64) -> f32 {
@@ -80,18 +88,22 @@ mod tests {
 
     /// A view of the wall at z = 4.
     fn view(eye: [f64; 3], radiance: impl Fn(f64, f64) -> f32) -> View {
-        let camera = camera_at(eye, [SIDE_PX; 2]);
+        view_of_side(SIDE_PX, eye, radiance)
+    }
+
+    fn view_of_side(side_px: u32, eye: [f64; 3], radiance: impl Fn(f64, f64) -> f32) -> View {
+        let camera = camera_at(eye, [side_px; 2]);
         let pixel = |i: u32| {
-            let flat = (DVec2::new(f64::from(i % SIDE_PX), f64::from(i / SIDE_PX)) + 0.5 - camera.center_px) / camera.focal_px;
+            let flat = (DVec2::new(f64::from(i % side_px), f64::from(i / side_px)) + 0.5 - camera.center_px) / camera.focal_px;
             let at = camera.eye() + camera.camera_from_world.matrix3.transpose() * DVec3::new(flat.x, flat.y, 1.0) * (4.0 - eye[2]);
             [radiance(at.x, at.y); 3]
         };
-        let pixels = (0..SIDE_PX * SIDE_PX).map(pixel).collect();
-        view_of(&format!("{eye:?}"), camera.clone(), Image::from_pixels(SIDE_PX as usize, SIDE_PX as usize, pixels).unwrap())
+        let pixels = (0..side_px * side_px).map(pixel).collect();
+        view_of(&format!("{eye:?}"), camera.clone(), Image::from_pixels(side_px as usize, side_px as usize, pixels).unwrap())
     }
 
     fn views(radiance: impl Fn(f64, f64) -> f32) -> Vec<View> {
-        [[-0.4, 0.0, 0.0], [0.0, 0.1, 0.0], [0.4, -0.1, 0.2], [0.0, 0.4, -0.2]].map(|eye| view(eye, &radiance)).into()
+        EYES.map(|eye| view(eye, &radiance)).into()
     }
 
     /// Points before and behind the wall, which say where to look for it.
@@ -120,6 +132,17 @@ mod tests {
                 assert!((px - glam::Vec2::from_array(seen.pixel_px).as_dvec2()).length() < 1.0);
             }
         }
+    }
+
+    /// The sweep sees these images at half their size.
+    #[test]
+    fn depths_are_those_of_images_larger_than_the_sweep_sees() {
+        let train = EYES.map(|eye| view_of_side(396, eye, |x, y| texture(0.5 * x, 0.5 * y)));
+        let points = found(&train, &hints(), 100_000);
+        let mut off: Vec<f32> = points.iter().map(|point| (point.position[2] / 4.0 - 1.0).abs()).collect();
+        off.sort_unstable_by(f32::total_cmp);
+        let quantiles = [0.5, 0.9].map(|part| off[(off.len() as f64 * part) as usize]);
+        assert!(off.len() > 2000 && quantiles[0] < 4e-4 && quantiles[1] < 1.2e-3, "{} {quantiles:?}", off.len());
     }
 
     #[test]

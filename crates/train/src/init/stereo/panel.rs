@@ -6,8 +6,11 @@
 use glam::{DVec2, DVec3};
 use luxel_core::{Camera, Point, View, luminance_sum};
 
-/// Longest side of a panel, pixels: finer than the first splats is of no use.
-const SIDE_PX: u32 = 200;
+/// Longest side of a panel that is swept, pixels: time grows with its third power.
+pub(super) const SWEPT_PX: u32 = 200;
+
+/// Longest side of a panel in which depths are refined, pixels: the first splats are no finer.
+pub(super) const REFINED_PX: u32 = 400;
 
 /// Floor of radiance as a fraction of the median, below which noise is all there is.
 const FLOOR: f32 = 1e-2;
@@ -40,9 +43,10 @@ pub(super) struct Panel {
 }
 
 impl Panel {
-    pub(super) fn new(view: &View, index: usize, points: &[Point], range: Option<[f64; 2]>) -> Self {
+    /// Reduces training view `index` to at most `side_px` pixels a side.
+    pub(super) fn new(view: &View, index: usize, points: &[Point], range: Option<[f64; 2]>, side_px: u32) -> Self {
         let side = view.camera.size_px[0].max(view.camera.size_px[1]);
-        let factor = side.div_ceil(SIDE_PX).max(1);
+        let factor = side.div_ceil(side_px).max(1);
         let view = view.downscaled(factor, 0.5);
         let luminance: Vec<f32> = view.image.pixels.iter().map(|pixel| luminance_sum(*pixel)).collect();
         let is_valid: Vec<bool> = (0..luminance.len()).map(|i| view.is_valid(i) && luminance[i].is_finite()).collect();
@@ -73,6 +77,22 @@ impl Panel {
         let flat = (at_px - self.camera.center_px) / self.camera.focal_px;
         let local = DVec3::new(flat.x, flat.y, 1.0) * depth;
         self.camera.camera_from_world.matrix3.transpose() * local + self.camera.eye()
+    }
+
+    /// Returns the log radiance between the centres of four valid pixels, if there are four.
+    pub(super) fn log_radiance_at(&self, at_px: DVec2) -> Option<f32> {
+        let at = at_px - 0.5;
+        if !(at.x >= 0.0 && at.y >= 0.0 && at.x < (self.width - 1) as f64 && at.y < (self.height - 1) as f64) {
+            return None;
+        }
+        let (column, row) = (at.x as usize, at.y as usize);
+        let (u, v) = ((at.x - column as f64) as f32, (at.y - row as f64) as f32);
+        let places = [0, 1, self.width, self.width + 1].map(|to| row * self.width + column + to);
+        if !places.iter().all(|i| self.is_valid[*i]) {
+            return None;
+        }
+        let [a, b, c, d] = places.map(|i| self.log_radiance[i]);
+        Some((a * (1.0 - u) + b * u) * (1.0 - v) + (c * (1.0 - u) + d * u) * v)
     }
 
     /// Returns the pixel (column, row), its coordinates and the depth of a place, if it is seen.

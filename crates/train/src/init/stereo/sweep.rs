@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::panel::Panel;
 
 /// Half the side of a window, pixels: 7 x 7.
-const RADIUS: usize = 3;
+pub(super) const RADIUS: usize = 3;
 
 /// Smallest and largest number of planes.
 const PLANES: [usize; 2] = [32, 192];
@@ -21,13 +21,13 @@ const PLANES: [usize; 2] = [32, 192];
 const BEST: usize = 2;
 
 /// Largest cost of an accepted depth: a correlation of 0.7.
-const MOST_COST: f32 = 0.3;
+pub(super) const MOST_COST: f32 = 0.3;
 
 /// Least difference between the best cost and the best elsewhere.
 const LEAST_LEAD: f32 = 0.06;
 
 /// Smallest standard deviation of log radiance in a window that is compared.
-const LEAST_CONTRAST: f32 = 0.02;
+pub(super) const LEAST_CONTRAST: f32 = 0.02;
 
 /// Cost of what cannot be compared.
 const UNKNOWN: f32 = 2.0;
@@ -80,11 +80,15 @@ fn best(costs: &[Vec<f32>], i: usize) -> Option<f64> {
     if elsewhere - least < LEAST_LEAD {
         return None;
     }
-    // The vertex of the parabola through the costs of three planes.
-    let (before, after) = (f64::from(cost(at - 1)), f64::from(cost(at + 1)));
-    let curvature = before - 2.0 * f64::from(least) + after;
+    Some(at as f64 + vertex([cost(at - 1), least, cost(at + 1)]))
+}
+
+/// Returns where the parabola through three costs is least, from the middle one, -1/2 to 1/2.
+pub(super) fn vertex(costs: [f32; 3]) -> f64 {
+    let [before, least, after] = costs.map(f64::from);
+    let curvature = before - 2.0 * least + after;
     let shift = if curvature > 1e-9 { 0.5 * (before - after) / curvature } else { 0.0 };
-    Some(at as f64 + shift.clamp(-0.5, 0.5))
+    shift.clamp(-0.5, 0.5)
 }
 
 /// Sums over windows.
