@@ -6,8 +6,8 @@
 //! cross-correlation of log radiance, which neither exposure nor the range of a scene changes. A
 //! pixel's depth is kept if its best plane is unambiguous, and if the depths of other views agree
 //! (Schoenberger et al. 2016). The depths of what is left are then refined in larger images.
-//! Degenerate: views without a neighbour, ambiguous and missing
-//! texture, fisheyes and panoramas give no points.
+//! Degenerate: views without a neighbour, ambiguous and missing texture, fisheyes and panoramas
+//! give no points.
 
 mod agree;
 mod neighbours;
@@ -15,7 +15,7 @@ mod panel;
 mod refine;
 mod sweep;
 
-use luxel_core::{CameraProjection, Point, ReadError};
+use luxel_core::{CameraProjection, Point, ReadError, View};
 use rand::Rng;
 use rand::seq::index::sample;
 
@@ -47,8 +47,9 @@ pub(super) fn stereo_points(views: StartViews<'_>, points: &[Point], count: usiz
     let range = |i: usize| ranges.as_ref().and_then(|ranges| ranges.get(i).copied());
     let stride = train.len().div_ceil(MOST_VIEWS);
     let compared: Vec<usize> = (0..train.len()).step_by(stride).collect();
-    let panels = views.look(&compared, |i, view| [SWEPT_PX, REFINED_PX].map(|side| Panel::new(view, i, points, range(i), side)))?;
-    let (panels, fine): (Vec<Panel>, Vec<Panel>) = panels.into_iter().map(Into::into).unzip();
+    // Refining searches around depths that are there, so its panels need no range.
+    let both = |i: usize, view: &View| (Panel::new(view, i, points, range(i), SWEPT_PX), Panel::new(view, i, &[], None, REFINED_PX));
+    let (panels, fine): (Vec<Panel>, Vec<Panel>) = views.look(&compared, both)?.into_iter().unzip();
     let near = neighbours(&panels);
     let maps: Vec<DepthMap> = panels.iter().zip(&near).map(|(panel, near)| sweep::depth_map(panel, near, &panels)).collect();
     let found = agreed(&panels, &maps, &near);
@@ -67,7 +68,7 @@ pub(super) fn stereo_points(views: StartViews<'_>, points: &[Point], count: usiz
 #[cfg(test)]
 mod tests {
     use glam::{DVec2, DVec3};
-    use luxel_core::{Dataset, Image, Mask, View};
+    use luxel_core::{Dataset, Image, Mask};
     use rand::SeedableRng;
     use rand_pcg::Pcg64Mcg;
 

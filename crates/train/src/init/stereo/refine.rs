@@ -3,7 +3,8 @@
 //! In: points that views agree on, with the pixels at which these views see them; panels of the
 //! same views with more pixels. Out: each point at the depth along its first view's ray at which
 //! the other views resemble a window around it best, by the mean of 1 - ZNCC. Degenerate: a point
-//! is left out if no view resembles it, or if the best depth is not within a pixel of the sweep.
+//! is left out if no view resembles it, or if the best depth is more than a pixel of the sweep
+//! away.
 
 use glam::{DVec2, DVec3};
 use luxel_core::Point;
@@ -25,13 +26,13 @@ const MOST_OTHERS: usize = 6;
 /// Returns the points whose depths could be refined. `ratio` is the number of pixels of these
 /// panels per pixel of the sweep.
 pub(super) fn refined(panels: &[Panel], points: Vec<Point>, ratio: f64) -> Vec<Point> {
-    // Views are compared at equal distances, so not every number has a panel.
-    let place_of = |view: u32| panels.binary_search_by_key(&(view as usize), |panel| panel.view).ok().map(|i| &panels[i]);
+    // In the order of the views, of which not all have a panel.
+    let panel_of = |view: u32| panels.binary_search_by_key(&(view as usize), |panel| panel.view).ok().map(|i| &panels[i]);
     let steps = ((ratio + 0.5) / STEP_PX).ceil() as usize;
     let refine = |mut point: Point| {
         let (first, others) = point.observations.split_first()?;
-        let others: Vec<&Panel> = others.iter().take(MOST_OTHERS).filter_map(|seen| place_of(seen.view)).collect();
-        let panel = place_of(first.view)?;
+        let others: Vec<&Panel> = others.iter().take(MOST_OTHERS).filter_map(|seen| panel_of(seen.view)).collect();
+        let panel = panel_of(first.view)?;
         let at_px = DVec2::from_array(first.pixel_px.map(f64::from)) / panel.factor;
         let place = DVec3::from_array(point.position.map(f64::from));
         let at = Window::new(panel, at_px)?.best_place(panel, &others, place, steps)?;
