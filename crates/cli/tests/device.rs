@@ -64,6 +64,8 @@ fn engines_relocate_as_many_splats_at_the_bound(gpu: &str) {
             turnover,
             "--clearance",
             "0",
+            "--stereo-points",
+            "0",
         ];
         let command = ["train", "data", "-o", run, "--init-points", "300", "--iterations", "60", "--device", device];
         place.ok(&[&command[..], &rounds[..]].concat());

@@ -45,7 +45,13 @@ fn a_run_is_rendered_with_other_lenses_and_trained_on_what_they_show() {
     render(&["--cameras", "lens/transforms.json", "-o", "lens/images"]);
     let said = place.ok(&["info", "lens"]);
     assert!(said.contains("40"), "{said}");
-    place.ok(&["train", "lens", "-o", "wide", "--iterations", "30", "--device", "cpu"]);
+    let train = ["train", "lens", "-o", "wide", "--iterations", "30", "--device", "cpu"];
+    let warned = |more: &[&str]| {
+        let output = place.luxel(&[&train[..], more].concat()).output().unwrap();
+        assert!(output.status.success());
+        String::from_utf8(output.stderr).unwrap().contains("--stereo-points finds nothing")
+    };
+    assert!(warned(&["--stereo-points", "500"]) && !warned(&["--overwrite"]));
     place.ok(&["eval", "wide"]);
     place.ok(&["render", "wide", "-o", "again"]);
 

@@ -47,7 +47,7 @@ pub use config::{
 };
 pub use contribution::add_contribution;
 pub use error::TrainError;
-pub use init::{Initial, first_colors_bytes, initialise, radiance_scale_of, start_scale};
+pub use init::{Initial, first_colors_bytes, initialise, radiance_scale_of, start_scale, stereo_bytes};
 pub use neighbourhood::Neighbourhood;
 pub use peers::{ToneMapperRecord, one_exposure};
 pub use pixel_weights::NoiseChoice;

@@ -132,7 +132,7 @@ fn an_image_that_is_gone_stops_the_run_with_its_name() {
 }
 
 #[test]
-fn the_start_reads_each_image_once_whatever_it_has_to_know() {
+fn the_start_reads_each_image_once_and_once_for_stereo_whatever_it_has_to_know() {
     let mut captured = dataset();
     for view in &mut captured.train {
         view.image = Image::filled(view.image.width, view.image.height, [0.4, 0.5, 0.6]).into();
@@ -145,14 +145,16 @@ fn the_start_reads_each_image_once_whatever_it_has_to_know() {
     let without_points = Dataset { points: Vec::new(), ..dataset() };
     for data in [dataset(), with_tracks, without_points, captured] {
         for (rule, scale) in [(ScaleRule::Median20, None), (ScaleRule::Max, None), (ScaleRule::Raw, None), (ScaleRule::P99, Some(2.0))] {
-            let config = TrainConfig { scale_rule: rule, radiance_scale: scale, ..config(8) };
-            let first = |data: &Dataset| Trainer::new(data, config.clone(), engine()).unwrap().scene().unwrap();
-            let in_memory = first(&data);
-            for readers in [1, 2, 5] {
-                let (later, reads) = on_demand(&data, usize::MAX);
-                let later = Dataset { readers, ..later };
-                assert!(first(&later) == in_memory, "{rule:?} {readers}");
-                assert_eq!(reads.load(Ordering::Relaxed), data.train.len(), "{rule:?} {readers}");
+            for (stereo_points, times) in [(0, 1), (100, 2)] {
+                let config = TrainConfig { scale_rule: rule, radiance_scale: scale, stereo_points, ..config(8) };
+                let first = |data: &Dataset| Trainer::new(data, config.clone(), engine()).unwrap().scene().unwrap();
+                let in_memory = first(&data);
+                for readers in [1, 2, 5] {
+                    let (later, reads) = on_demand(&data, usize::MAX);
+                    let later = Dataset { readers, ..later };
+                    assert!(first(&later) == in_memory, "{rule:?} {readers}");
+                    assert_eq!(reads.load(Ordering::Relaxed), times * data.train.len(), "{rule:?} {readers} {stereo_points}");
+                }
             }
         }
     }

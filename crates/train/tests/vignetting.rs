@@ -154,7 +154,7 @@ fn a_fall_off_is_found_beside_a_camera_response() {
     let (lens, vignetting) = found(&trainer, &data.train[0].camera);
     let [error, _] = difference(&vignetting, &TRUTH);
     println!("ln gain is {error:.4} off; {:.3} EV in the corners", lens.corner_ev);
-    assert!(error < 0.015, "{error}");
+    assert!(error < 0.02, "{error}");
 }
 
 #[test]

@@ -9,7 +9,7 @@ use luxel::run::{
     resume_over,
 };
 use luxel::{Remedy, output, text};
-use luxel_core::{Alone, Dataset, Exchange};
+use luxel_core::{Alone, CameraProjection, Dataset, Exchange, View};
 use luxel_train::{MAX_BATCH, Method};
 use serde_json::json;
 
@@ -259,13 +259,20 @@ fn scene_to_start_from(from: &Path, output: &Path) -> Result<PathBuf> {
     Ok(from)
 }
 
-/// Refuses a colour space, and warns of a number of points and of a crop, that only the data set
-/// shows to be unused: points in it leave no splats to make up, and small views are not cut.
+/// Refuses a colour space, and warns of numbers of points and of a crop, that only the data set
+/// shows to be unused: points in it leave no splats to make up, stereo knows no fisheyes, and small
+/// views are not cut.
 fn check_used(dataset: &Dataset, config: &RunConfig, explicit: &ExplicitArgs, console: &Console) -> luxel::Result<()> {
     data::check_color_space(dataset, &config.load, explicit).map_err(|error| luxel::Error::new(error.to_string()))?;
     if explicit.contains("init_points") && !dataset.points.is_empty() {
         let points = text::plural(dataset.points.len(), "point");
         console.warn(&format!("--init-points changes nothing: the data set has {points} to start from"));
+    }
+    if explicit.contains("stereo_points") && config.train.stereo_points > 0 {
+        let is_pinhole = |view: &View| view.camera.projection == CameraProjection::Pinhole;
+        if !dataset.train.iter().all(is_pinhole) {
+            console.warn("--stereo-points finds nothing: stereo compares pinhole cameras only, and some views are fisheyes or panoramas");
+        }
     }
     let sides = dataset.train.iter().flat_map(|view| view.camera.size_px);
     if let (Some(crop), Some(longest)) = (config.train.crop, sides.max())

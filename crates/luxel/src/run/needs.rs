@@ -3,15 +3,15 @@
 //! In: the plan for the images, by their headers, and the settings. Out: [`RunMemory`], a line
 //! about it, and an error for what cannot fit. The numbers are estimates from above: of images what
 //! is decoded or their limit, of the engine's buffers what a step and a measurement of the largest
-//! image hold, or the colours of the first splats, of splats their parameters with moments, mean
-//! and copies. A run whose number of splats is bounded by its data alone is held against those that
-//! it starts with, of a given scene all; the bound is reported. Degenerate: where the system tells
-//! no limit, nothing is refused.
+//! image hold, or stereo or the colours of the first splats, of splats their parameters with
+//! moments, mean and copies. A run whose number of splats is bounded by its data alone is held
+//! against those that it starts with, of a given scene all; the bound is reported. Degenerate:
+//! where the system tells no limit, nothing is refused.
 
 use luxel_core::engine::ParameterRows;
 use luxel_core::{ColorModel, Remedy};
 use luxel_io::{ImagePlan, IoError, system_memory};
-use luxel_train::{TrainConfig, first_colors_bytes};
+use luxel_train::{TrainConfig, first_colors_bytes, stereo_bytes};
 
 use crate::{memory, text};
 
@@ -98,12 +98,16 @@ impl RunMemory {
             true => 0,
             false => first_colors_bytes(first, plan.images as u64),
         };
+        let stereo = match scene_splats.is_none() && train.stereo_points > 0 {
+            true => stereo_bytes(plan.images as u64, plan.largest_px),
+            false => 0,
+        };
         let rows = ParameterRows { color_model: train.color_model() }.count() as u64;
         // Both moments of a parameter share its four bytes.
         let saved = u64::from(train.packs_moments());
         Self {
             images_bytes: plan.memory_bytes(),
-            buffers_bytes: BASE_BYTES + step.max(measurement).max(first_colors),
+            buffers_bytes: BASE_BYTES + step.max(measurement).max(first_colors).max(stereo),
             splat_bytes: 4 * (COPIES + gradients - saved) * rows + SPLAT_BYTES,
             splats,
             most_splats,
@@ -209,7 +213,7 @@ mod tests {
     fn a_scene_counts_with_its_splats_and_without_first_colors() {
         // Images so small that finding colours takes more than a step.
         let plan = plan(100, 10_000, u64::MAX);
-        let config = TrainConfig { max_splats: None, ..TrainConfig::default() };
+        let config = TrainConfig { max_splats: None, stereo_points: 0, ..TrainConfig::default() };
         let of = |config: &TrainConfig, scene| RunMemory::estimate(&plan, config, scene, false, 0);
         let (anew, from_scene) = (of(&config, None), of(&config, Some(3_000_000)));
         assert_eq!(
@@ -223,6 +227,10 @@ mod tests {
         let few = TrainConfig { init_points: 1000, ..config.clone() };
         assert_eq!(of(&bounded, None).buffers_bytes, of(&few, None).buffers_bytes);
         assert!(of(&bounded, None).buffers_bytes < anew.buffers_bytes);
+        // Stereo counts as long as it may find points.
+        let stereo = TrainConfig { stereo_points: 1, ..few.clone() };
+        assert!(of(&stereo, None).buffers_bytes > of(&few, None).buffers_bytes);
+        assert_eq!(of(&stereo, Some(10)).buffers_bytes, of(&few, Some(10)).buffers_bytes);
         // Frozen geometry stays as it is, and gets its colours from the images.
         let frozen = of(&TrainConfig { freeze: Freeze::Geometry, ..bounded }, Some(3_000_000));
         assert_eq!((frozen.splats, frozen.most_splats), (3_000_000, 3_000_000));

@@ -206,9 +206,9 @@ options! {
         /// Number of initial splats where the data set has no points
         init_points: u32 = 100_000, "N", Range::AtLeast(1);
         /// Largest number of initial splats that stereo between the training views finds, beside
-        /// the points of the data set or, without any, as up to half of `init_points`; 0 turns it
-        /// off
-        stereo_points: u32 = 0, "N", Range::Any;
+        /// the points of the data set, and no more than half of the limit on splats or, without
+        /// points, of `init_points`; 0 turns it off
+        stereo_points: u32 = 20_000, "N", Range::Any;
         /// Initial opacity
         init_opacity: Option<f32> = None, "OPACITY", Range::Between, unset: "0.1 for adc, 0.5 for mcmc";
         /// Initial scale, as a multiple of the root mean squared distance to the 3 nearest

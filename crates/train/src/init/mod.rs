@@ -52,9 +52,9 @@ pub struct Initial {
     pub radiance_scale: RadianceScale,
 }
 
-/// Returns the initial scene. Images that are read on demand are read once, unless the points have
-/// more samples than memory holds at a time, or tracks that show no valid pixel. Captured values
-/// become radiance by `knots`.
+/// Returns the initial scene. Images that are read on demand are read once, and once for stereo;
+/// more often if the points have more samples than memory holds at a time, or tracks that show no
+/// valid pixel. Captured values become radiance by `knots`.
 ///
 /// # Errors
 /// Returns [`TrainError::NoTrainViews`], [`TrainError::NoSplats`] if the cameras see no common
@@ -130,6 +130,12 @@ pub fn first_colors_bytes(splats: u64, views: u64) -> u64 {
     color::memory_bytes(splats, views)
 }
 
+/// Returns the most memory that stereo between so many views of so many pixels takes at the start,
+/// bytes, without the images.
+pub fn stereo_bytes(views: u64, view_px: u64) -> u64 {
+    stereo::memory_bytes(views, view_px)
+}
+
 /// Returns the points where splats start.
 fn starting_points(dataset: &Dataset, config: &TrainConfig, knots: Option<Knots>) -> Result<Vec<Point>, TrainError> {
     let mut rng = Pcg64Mcg::seed_from_u64(config.seed ^ INIT_STREAM);
@@ -147,7 +153,8 @@ fn starting_points(dataset: &Dataset, config: &TrainConfig, knots: Option<Knots>
     }
     let limit = config.splat_limit(pixels(&dataset.train));
     let without = (config.init_points as usize).min(limit);
-    let most_found = if points.is_empty() { without / 2 } else { limit }.min(config.stereo_points as usize);
+    // Half is left to the points of the data set, or to random ones, and to densification.
+    let most_found = if points.is_empty() { without / 2 } else { limit / 2 }.min(config.stereo_points as usize);
     let found = stereo::stereo_points(StartViews::new(dataset, knots), &points, most_found, &mut rng)?;
     if points.is_empty() {
         points = volume::random_points(&dataset.train, without - found.len(), &mut rng);

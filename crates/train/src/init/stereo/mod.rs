@@ -30,6 +30,14 @@ use crate::start_views::StartViews;
 /// Largest number of views that are compared, spread evenly: more of them see little that is new.
 const MOST_VIEWS: usize = 96;
 
+/// Returns the most memory that stereo between so many views of so many pixels takes, bytes,
+/// without the images.
+pub(super) fn memory_bytes(views: u64, view_px: u64) -> u64 {
+    let pixels = |side_px: u32| u64::from(side_px).pow(2).min(view_px);
+    views.min(MOST_VIEWS as u64) * (panel::BYTES * (pixels(SWEPT_PX) + pixels(REFINED_PX)) + sweep::DEPTH_BYTES * pixels(SWEPT_PX))
+        + sweep::MOST_COST_BYTES * pixels(SWEPT_PX)
+}
+
 /// Returns up to `count` points, in the order of the views and their pixels.
 ///
 /// # Errors
@@ -40,7 +48,7 @@ pub(super) fn stereo_points(views: StartViews<'_>, points: &[Point], count: usiz
         return Ok(Vec::new());
     }
     if train.iter().any(|view| view.camera.projection != CameraProjection::Pinhole) {
-        tracing::warn!("no points of stereo: it compares views of pinhole cameras only, and some are fisheyes or panoramas");
+        tracing::info!("no points of stereo: it compares views of pinhole cameras only, and some are fisheyes or panoramas");
         return Ok(Vec::new());
     }
     let ranges = volume::depth_ranges(train);
@@ -157,15 +165,18 @@ mod tests {
 
     #[test]
     fn the_start_has_them_beside_the_points_of_the_data_set_or_as_half_of_the_initial_ones() {
-        let positions = |points: Vec<Point>, stereo_points: u32| {
+        let positions_within = |points: Vec<Point>, stereo_points: u32, max_splats: Option<u32>| {
             let data = Dataset { points, ..dataset_of(views(texture)) };
-            let config = TrainConfig { stereo_points, init_points: 300, ..TrainConfig::default() };
+            let config = TrainConfig { stereo_points, init_points: 300, max_splats, ..TrainConfig::default() };
             initialise(&data, &config, None).unwrap().splats.position
         };
+        let positions = |points: Vec<Point>, stereo_points: u32| positions_within(points, stereo_points, None);
         let on_wall = |positions: &[[f32; 3]]| positions.iter().filter(|at| (at[2] - 4.0).abs() < 0.05).count();
         assert_eq!(positions(hints(), 0).len(), 24);
         let beside = positions(hints(), 500);
         assert!(beside.len() == 524 && on_wall(&beside) > 490);
+        // Densification has room.
+        assert_eq!(positions_within(hints(), 500, Some(400)).len(), 224);
         let alone = positions(Vec::new(), 20_000);
         assert!(alone.len() == 300 && on_wall(&alone) > 140);
     }

@@ -12,6 +12,9 @@ pub(super) const SWEPT_PX: u32 = 200;
 /// Longest side of a panel in which depths are refined, pixels: the first splats are no finer.
 pub(super) const REFINED_PX: u32 = 400;
 
+/// Bytes of a pixel of a panel: log radiance, and whether it is valid.
+pub(super) const BYTES: u64 = 5;
+
 /// Floor of radiance as a fraction of the median, below which noise is all there is.
 const FLOOR: f32 = 1e-2;
 

@@ -11,10 +11,9 @@ use luxel_core::Point;
 use rayon::prelude::*;
 
 use super::panel::Panel;
-use super::sweep::{LEAST_CONTRAST, MOST_COST, RADIUS, vertex};
+use super::sweep::{LEAST_CONTRAST, MOST_COST, RADIUS, SIDE, vertex};
 
-/// Side of a window, and its number of pixels.
-const SIDE: usize = 2 * RADIUS + 1;
+/// Number of pixels of a window.
 const WINDOW: usize = SIDE * SIDE;
 
 /// Distance between two depths on the screen of the view where it is largest, pixels.
@@ -100,10 +99,18 @@ impl Window {
     }
 
     fn cost_in(&self, panel: &Panel, other: &Panel, depth: f64) -> Option<f32> {
+        // Places on the plane at this depth are linear in the pixel.
+        let corner = DVec2::from_array(self.corner.map(|at| at as f64 + 0.5));
+        let to_other = |at_px: DVec2| other.camera.camera_from_world.transform_point3(panel.place(at_px, depth));
+        let origin = to_other(corner);
+        let (dx, dy) = (to_other(corner + DVec2::X) - origin, to_other(corner + DVec2::Y) - origin);
         let mut values = [0.0; WINDOW];
         for (i, value) in values.iter_mut().enumerate() {
-            let at_px = DVec2::new((self.corner[0] + i % SIDE) as f64, (self.corner[1] + i / SIDE) as f64) + 0.5;
-            *value = other.log_radiance_at(other.camera.project(panel.place(at_px, depth))?.0)?;
+            let p = origin + dx * (i % SIDE) as f64 + dy * (i / SIDE) as f64;
+            if p.z <= 0.0 {
+                return None;
+            }
+            *value = other.log_radiance_at(p.truncate() / p.z * other.camera.focal_px + other.camera.center_px)?;
         }
         let (values, norm) = centered(values)?;
         let product: f32 = values.iter().zip(&self.values).map(|(a, b)| a * b).sum();
