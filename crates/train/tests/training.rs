@@ -57,7 +57,7 @@ fn a_view_not_trained_on_is_learnt_by_mcmc() {
     // The threshold is about two thirds of the usual gain. To reach it, opaque splats must stay in
     // place, so the noise must depend on opacity.
     let (before, after) = learn(TrainConfig { strategy: Strategy::Mcmc, max_splats: Some(1000), densify_interval: 50, ..config(300) });
-    assert!(after > before + 7.0, "{before} dB -> {after} dB");
+    assert!(after > before + 12.0, "{before} dB -> {after} dB");
 }
 
 /// Returns the snapshot after 60 steps in one go, and after 30 steps, saving, and 30 more.
@@ -283,10 +283,10 @@ fn steps_are_made_at_the_resolution_of_their_stage() {
 
 #[test]
 fn the_fast_preset_learns_in_small() {
-    // The threshold is about two thirds of the usual gain.
+    // Points of stereo start 2 dB higher and end 0.3 dB higher: 27.2 dB.
     let fast = TrainConfig { max_splats: Some(1000), iterations: 300, densify_interval: 50, ..TrainConfig::from_preset(Preset::Fast) };
     let (before, after) = learn(fast);
-    assert!(after > before + 7.0, "{before} dB -> {after} dB");
+    assert!(after > before + 7.0 && after > 26.0, "{before} dB -> {after} dB");
 }
 
 #[test]
