@@ -51,13 +51,16 @@ export default {
     assert.equal((await pins()).length, 1);
     await settled(page);
 
-    // Tools wait as well: three points of the floor.
+    // Tools wait as well: three points of the floor, here of the desk, which all views see.
     release = await withoutDepth(page);
+    const desk = [[0.25, 0.6], [0.62, 0.52], [0.42, 0.42]];
     await page.locator("#edit-axes").click();
     await page.locator("#pick-floor").click();
-    for (const [u, v] of [[0.3, 0.8], [0.7, 0.78], [0.42, 0.66]]) await click(u, v);
+    for (const [u, v] of desk) await click(u, v);
     assert.equal(await page.evaluate(() => window.luxel.state.edit), "");
     await release();
+    const depths = await page.evaluate((desk) => desk.map(([u, v]) => window.luxel.sample(u, v).depth), desk);
+    assert.ok(depths.every(Boolean), `nothing was clicked: depths ${depths}`);
     await page.waitForFunction(() => /^up .*; origin /.test(window.luxel.state.edit));
     await page.locator("#edit-clear").click();
     await settled(page);
