@@ -211,6 +211,10 @@ pub struct Dataset {
     pub world_from_local: Similarity,
     /// Length of a unit of the world, metres; `None` if nothing states it.
     pub metres_per_unit: Option<f64>,
+    /// Whether the images are single photographs that were developed for display, such as JPEG
+    /// files, and not radiance that was measured: their brightness may differ from view to view by
+    /// what the camera or a program did to them.
+    pub is_developed: bool,
     /// Views that memory has room for reading side by side, at least 1, while nothing else holds
     /// any. Results do not depend on it.
     pub readers: usize,

@@ -496,3 +496,20 @@ fn frames_of_one_pose_in_a_transforms_json_are_pairs() {
     scene.write("transforms.json", transforms(&given[1..]));
     assert!(scene.error(&both(Exposures::All)).contains("no radiance image has the pose of the captured image"));
 }
+
+#[test]
+fn images_of_a_display_curve_are_developed_and_others_are_light() {
+    let is_developed = |name: &str, transfer: Option<Transfer>| {
+        let scene = TestScene::new();
+        match name {
+            "png" => (0..9).for_each(|i| scene.grey(&format!("{i}.png"), 100)),
+            _ => (0..9).for_each(|i| scene.flat(&format!("{i}.exr"), 0.5)),
+        }
+        let files: Vec<String> = (0..9).map(|i| format!("{i}.{name}")).collect();
+        let frames: Vec<(&str, f64, &str)> = files.iter().map(|file| (file.as_str(), 0.0, "")).collect();
+        scene.write("transforms.json", transforms(&frames));
+        scene.read(&LoadOptions { transfer, ..LoadOptions::default() }).unwrap().is_developed
+    };
+    assert!(is_developed("png", Some(Transfer::Srgb)));
+    assert!(!is_developed("png", Some(Transfer::Linear)) && !is_developed("exr", None));
+}

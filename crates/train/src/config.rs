@@ -39,6 +39,12 @@ const MIN_BOUND_BY_DATA: u32 = 40_000;
 /// samples would take more memory and time.
 const MOST_SUPERSAMPLED_PX: u64 = 200_000;
 
+/// Degrees of LCD's harmonics as published.
+const CHROMA_DEGREE: u8 = 3;
+const LUMINANCE_DEGREE: u8 = 0;
+/// Degrees of chromaticity and luminance for photographs that were developed for display.
+const DEVELOPED_DEGREES: [u8; 2] = [1, 2];
+
 /// Factor by which the bound that follows from the images may rise.
 const MOST_RISE: usize = 4;
 
@@ -93,8 +99,8 @@ impl TrainConfig {
             _ if matches!(self.method, Method::LogSh3 | Method::HdrGs | Method::GaussHdr) => ColorModel::LogSh { degree: 3 },
             Some(degree) => ColorModel::Sh { degree },
             None => ColorModel::Lcd {
-                chroma_degree: self.chroma_degree.unwrap_or(3),
-                luminance_degree: self.luminance_degree.unwrap_or(0),
+                chroma_degree: self.chroma_degree.unwrap_or(CHROMA_DEGREE),
+                luminance_degree: self.luminance_degree.unwrap_or(LUMINANCE_DEGREE),
                 activation: self.activation.unwrap_or_default(),
             },
         }
@@ -129,6 +135,26 @@ impl TrainConfig {
     pub fn samples_for(&self, largest_px: u64) -> u8 {
         let has_networks = self.method.has_own_steps() || self.method.has_anchors();
         self.samples.unwrap_or(if has_networks || largest_px > MOST_SUPERSAMPLED_PX { 1 } else { 2 })
+    }
+
+    /// Returns the configuration with the degrees of LCD's harmonics decided that are left open:
+    /// those of the scene that training starts from, if there is one, else the published ones, or,
+    /// for photographs that were developed for display, a luminance that varies with the view. A
+    /// camera brightens and darkens what it develops, which a luminance that is the same from
+    /// everywhere explains by splats that are not there.
+    #[must_use]
+    pub fn with_degrees(self, is_developed: bool, scene: Option<ColorModel>) -> Self {
+        if self.method != Method::Lcd {
+            return self;
+        }
+        let is_open = self.luminance_degree.is_none() && self.chroma_degree.is_none();
+        let [chroma, luminance] = match scene {
+            Some(ColorModel::Lcd { chroma_degree, luminance_degree, .. }) => [chroma_degree, luminance_degree],
+            None if is_developed && is_open && self.preset != Preset::Paper => DEVELOPED_DEGREES,
+            _ => [CHROMA_DEGREE, LUMINANCE_DEGREE],
+        };
+        let (chroma_degree, luminance_degree) = (self.chroma_degree.or(Some(chroma)), self.luminance_degree.or(Some(luminance)));
+        Self { chroma_degree, luminance_degree, ..self }
     }
 
     /// Returns the weights of the loss.

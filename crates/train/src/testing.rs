@@ -56,6 +56,7 @@ pub(crate) fn dataset_of(train: Vec<View>) -> Dataset {
         warnings: Vec::new(),
         world_from_local: luxel_core::Similarity::IDENTITY,
         metres_per_unit: None,
+        is_developed: false,
         readers: 2,
     }
 }

@@ -112,3 +112,15 @@ fn scenes_that_do_not_go_with_the_run_are_refused() {
     let nothing = Scene { splats: Splats::empty(from.splats.color_model), ..from };
     assert!(refused(&nothing, frozen(10)).contains("no splats"));
 }
+
+#[test]
+fn what_starts_from_a_scene_keeps_its_colour_model_also_on_developed_photographs() {
+    let developed = Dataset { is_developed: true, ..dataset() };
+    let of = |trainer: Result<Trainer, _>| finished(trainer.unwrap()).splats.color_model.name();
+    let from_photographs = finished(Trainer::new(&developed, config(20), engine()).unwrap());
+    assert_eq!(from_photographs.splats.color_model.name(), "lcd-c1-l2");
+    assert_eq!(of(Trainer::from_scene(&dataset(), &from_photographs, config(20), engine())), "lcd-c1-l2");
+    assert_eq!(of(Trainer::from_scene(&developed, &room(Antialias::Pixel), config(20), engine())), "lcd");
+    // Colours that begin anew are those of the new images.
+    assert_eq!(of(Trainer::from_scene(&developed, &room(Antialias::Pixel), frozen(20), engine())), "lcd-c1-l2");
+}

@@ -113,7 +113,11 @@ mod tests {
         let help_of = |name| help(OptionSpec::find(name).unwrap());
         assert!(help_of("radiance_scale").ends_with("overrides --scale-rule, above 0"), "{}", help_of("radiance_scale"));
         assert!(help_of("turnover").ends_with("(with --strategy adc only), 0 to 1"), "{}", help_of("turnover"));
-        assert!(help_of("chroma_degree").ends_with("(with --method lcd only), 0 to 5 [default: 3]"));
+        assert!(
+            help_of("chroma_degree").contains(
+                "(with --method lcd only), 0 to 5 [default: 3; 1 for developed photographs where --luminance-degree is unset, too"
+            )
+        );
         assert!(help_of("absgrad_threshold").contains("(with --strategy adc and --absgrad only)"));
     }
 

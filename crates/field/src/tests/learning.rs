@@ -66,6 +66,7 @@ fn room() -> Dataset {
         warnings: Vec::new(),
         world_from_local: Similarity::IDENTITY,
         metres_per_unit: None,
+        is_developed: false,
         readers: 1,
     }
 }

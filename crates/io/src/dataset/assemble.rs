@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use super::block::Block;
 use super::checks::{self, CheckedView};
+use super::developed::is_developed;
 use super::fingerprint::Fingerprint;
 use super::image_memory::{PlannedImage, ViewPlace, plan};
 use super::load::{LoadedView, load_view};
@@ -94,11 +95,24 @@ pub(super) fn assemble(
 
     let fingerprint = fingerprint(Fingerprint::new(&format, options), &used, &loaded, &points, &world_from_local);
 
-    let bad_pixels = bad_pixels(&loaded);
+    let (bad_pixels, is_developed) = (bad_pixels(&loaded), is_developed(&folder, &loaded));
     let (train, test) = with_captured(path, loaded.into_iter().map(|l| l.view), &used)?;
     warnings.extend(PointCoverage::new(&points, &train).warning(&points_from));
     let metres_per_unit = metres_per_unit(path, &folder)?;
-    Ok(Dataset { format, train, test, points, color_space, bad_pixels, fingerprint, warnings, world_from_local, metres_per_unit, readers })
+    Ok(Dataset {
+        format,
+        train,
+        test,
+        points,
+        color_space,
+        bad_pixels,
+        fingerprint,
+        warnings,
+        world_from_local,
+        metres_per_unit,
+        is_developed,
+        readers,
+    })
 }
 
 /// Returns what was masked, by name.

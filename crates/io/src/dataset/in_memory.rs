@@ -110,8 +110,21 @@ pub fn dataset_in_memory(parts: MemoryDataset) -> Result<Dataset, IoError> {
     let no_test = "no test views: no image is held out to measure quality with".to_owned();
     let warnings = if test.is_empty() { vec![no_test] } else { Vec::new() };
     let (format, fingerprint) = (NAME.to_owned(), fingerprint.finish());
-    let (metres_per_unit, readers) = (None, readers_in_memory());
-    Ok(Dataset { format, train, test, points, color_space, bad_pixels, fingerprint, warnings, world_from_local, metres_per_unit, readers })
+    let (metres_per_unit, is_developed, readers) = (None, false, readers_in_memory());
+    Ok(Dataset {
+        format,
+        train,
+        test,
+        points,
+        color_space,
+        bad_pixels,
+        fingerprint,
+        warnings,
+        world_from_local,
+        metres_per_unit,
+        is_developed,
+        readers,
+    })
 }
 
 /// Checks names, cameras and sizes.

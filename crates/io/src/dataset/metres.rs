@@ -9,22 +9,18 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use super::developed::prepare_report;
 use crate::IoError;
 use crate::read_file::read_file;
 use crate::validity::is_length;
 
 /// Key of `transforms.json`.
 const KEY: &str = "metres_per_unit";
-/// Length of a report that is read, bytes.
-const MAX_REPORT_BYTES: u64 = 64 << 20;
 
 /// Returns the length in metres of one unit of the data set in `folder`, by the report of its
 /// preparation; `None` where it is unknown, or was not prepared by this program.
 pub fn prepared_metres_per_unit(folder: &Path) -> Option<f64> {
-    let report = folder.join("prepare.json");
-    let is_usual = std::fs::metadata(&report).is_ok_and(|found| found.is_file() && found.len() <= MAX_REPORT_BYTES);
-    let report: Value = serde_json::from_slice(&read_file(&report).ok().filter(|_| is_usual)?).ok()?;
-    report.pointer("/world/metres_per_unit").and_then(Value::as_f64).filter(is_length)
+    prepare_report(folder)?.pointer("/world/metres_per_unit").and_then(Value::as_f64).filter(is_length)
 }
 
 /// Returns the length in metres of one unit of the data set at `path`, whose images lie below

@@ -28,6 +28,7 @@ mod checks;
 pub mod colmap;
 mod described;
 mod detect;
+mod developed;
 mod files;
 mod fingerprint;
 mod image_memory;

@@ -38,6 +38,7 @@ fn posed(poses: &[DAffine3]) -> Dataset {
         warnings: Vec::new(),
         world_from_local: luxel_core::Similarity::IDENTITY,
         metres_per_unit: None,
+        is_developed: false,
         readers: 2,
     }
 }

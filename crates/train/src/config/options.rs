@@ -112,9 +112,11 @@ options! {
         /// Map from the raw luminance to luminance
         activation: Option<Activation> = None, "ACTIVATION", Range::Any, unset: "softplus", needs: [LcdColors];
         /// Degree of the chromaticity's spherical harmonics
-        chroma_degree: Option<u8> = None, "DEGREE", Range::UpTo(5), unset: "3", needs: [Lcd];
-        /// Degree of the luminance's spherical harmonics; above 0, brightness varies with the view
-        luminance_degree: Option<u8> = None, "DEGREE", Range::UpTo(3), unset: "0", needs: [Lcd];
+        chroma_degree: Option<u8> = None, "DEGREE", Range::UpTo(5), unset: "3; 1 for developed photographs where `luminance_degree` is unset, too, and `preset` is not paper", needs: [Lcd];
+        /// Degree of the luminance's spherical harmonics; above 0, brightness varies with the view,
+        /// as it does in photographs that a camera develops: JPEG, PNG or TIFF files, also where
+        /// luxel prepare made radiance of single ones
+        luminance_degree: Option<u8> = None, "DEGREE", Range::UpTo(3), unset: "0; 2 for developed photographs where `chroma_degree` is unset, too, and `preset` is not paper", needs: [Lcd];
         /// Number of steps between two increases of the degree of the spherical harmonics in use
         sh_interval: Option<u32> = None, "N", Range::AtLeast(1), unset: "1000, in runs below 10000 steps a tenth of them";
     }

@@ -228,3 +228,25 @@ fn small_images_have_two_samples_along_a_pixels_side_unless_a_number_is_given() 
     }
     assert_eq!(TrainConfig::from_preset(Preset::Paper).samples_for(160_000), 1);
 }
+
+#[test]
+fn developed_photographs_have_a_luminance_that_varies_with_the_view_unless_degrees_are_given() {
+    let degrees = |arguments: &[&str], is_developed: bool, scene: Option<ColorModel>| match parse(arguments)
+        .unwrap()
+        .with_degrees(is_developed, scene)
+        .color_model()
+    {
+        ColorModel::Lcd { chroma_degree, luminance_degree, .. } => Some([chroma_degree, luminance_degree]),
+        _ => None,
+    };
+    assert_eq!([false, true].map(|is_developed| degrees(&[], is_developed, None)), [Some([3, 0]), Some([1, 2])]);
+    assert_eq!(degrees(&["--chroma-degree", "2"], true, None), Some([2, 0]));
+    assert_eq!(degrees(&["--luminance-degree", "1"], true, None), Some([3, 1]));
+    assert_eq!(degrees(&["--preset", "paper"], true, None), Some([3, 0]));
+    assert_eq!(degrees(&["--method", "sh3"], true, None), None);
+    // A scene keeps its own.
+    let scene = ColorModel::Lcd { chroma_degree: 2, luminance_degree: 1, activation: luxel_core::Activation::Softplus };
+    assert_eq!([false, true].map(|is_developed| degrees(&[], is_developed, Some(scene))), [Some([2, 1]); 2]);
+    assert_eq!(degrees(&["--chroma-degree", "3"], true, Some(scene)), Some([3, 1]));
+    assert_eq!(degrees(&[], true, Some(ColorModel::Sh { degree: 3 })), Some([3, 0]));
+}

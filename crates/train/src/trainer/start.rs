@@ -54,7 +54,11 @@ impl Trainer {
     /// # Errors
     /// Those of [`Self::new`]; a scene that does not go with the data set or the options.
     pub fn from_scene(dataset: &Dataset, scene: &Scene, config: TrainConfig, engine: Box<dyn Engine>) -> Result<Self, TrainError> {
-        let config = if config.freezes_geometry() { with_raster(config, &scene.raster)? } else { config };
+        let config = if config.freezes_geometry() {
+            with_raster(config, &scene.raster)?
+        } else {
+            config.with_degrees(dataset.is_developed, Some(scene.splats.color_model))
+        };
         check_scene(dataset, scene, &config)?;
         Self::start(dataset, Some(scene), config, engine)
     }
@@ -68,6 +72,7 @@ impl Trainer {
         check_lenses(dataset, &config)?;
         check_pair_method(dataset, &config, &*engine)?;
         let config = TrainConfig { samples: Some(config.samples_for(largest_px(&dataset.train))), ..config };
+        let config = config.with_degrees(dataset.is_developed, None);
         let response = is_recorded(&dataset.train)?.then(|| CameraResponse::new(config.unit_exposure, &dataset.train));
         let knots = response.as_ref().map(CameraResponse::knots);
         let response = if learns_response(dataset, &config)? { response } else { None };

@@ -91,6 +91,7 @@ pub(crate) fn dataset() -> Dataset {
         warnings: Vec::new(),
         world_from_local: luxel_core::Similarity::IDENTITY,
         metres_per_unit: None,
+        is_developed: false,
         readers: 2,
     }
 }

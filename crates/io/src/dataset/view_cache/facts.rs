@@ -18,7 +18,7 @@ use crate::dataset::source::SourceFrame;
 use crate::read_file::read_file;
 
 /// Version of the layout; facts of another version are not used.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// Age below which the times of a file may stay although it changes, nanoseconds.
 const YOUNG_NS: u64 = 2_000_000_000;
 
@@ -43,6 +43,7 @@ pub(super) struct Facts {
     has_no_pixels: bool,
     hidden_by_mask: Option<f64>,
     photo_exposure: Option<f64>,
+    is_display_coded: bool,
 }
 
 /// The properties of a file by which it is taken for unchanged.
@@ -117,6 +118,7 @@ impl Facts {
             has_no_pixels: loaded.has_no_pixels,
             hidden_by_mask: loaded.hidden_by_mask,
             photo_exposure: loaded.photo_exposure,
+            is_display_coded: loaded.is_display_coded,
         })
     }
 
@@ -177,6 +179,7 @@ impl Facts {
             has_no_pixels: self.has_no_pixels,
             hidden_by_mask: self.hidden_by_mask,
             photo_exposure: self.photo_exposure,
+            is_display_coded: self.is_display_coded,
             digest,
         })
     }
