@@ -10,16 +10,10 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::load::LoadedView;
-use crate::image::{SampleDepth, Transfer};
 use crate::read_file::read_file;
 
 /// Length of a report that is read, bytes.
 const MAX_REPORT_BYTES: u64 = 64 << 20;
-
-/// Returns whether samples of this precision, read by this curve, are those of a display.
-pub(super) fn is_display_coded(depth: SampleDepth, transfer: Option<Transfer>) -> bool {
-    depth != SampleDepth::Float && transfer.is_none_or(|transfer| transfer == Transfer::Srgb)
-}
 
 /// Returns whether all images of the data set in `folder` are single developed photographs.
 pub(super) fn is_developed(folder: &Path, loaded: &[LoadedView]) -> bool {
@@ -45,14 +39,6 @@ fn is_prepared_of_pictures(folder: &Path) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn display_curves_are_those_of_integers_that_state_nothing_or_srgb() {
-        let (float, byte) = (SampleDepth::Float, SampleDepth::Integer8);
-        assert!(is_display_coded(byte, None) && is_display_coded(SampleDepth::Integer16, Some(Transfer::Srgb)));
-        assert!(!is_display_coded(float, None) && !is_display_coded(float, Some(Transfer::Srgb)));
-        assert!(!is_display_coded(byte, Some(Transfer::Linear)) && !is_display_coded(byte, Some(Transfer::LogC4)));
-    }
 
     #[test]
     fn a_report_of_single_pictures_says_so() {

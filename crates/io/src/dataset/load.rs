@@ -5,7 +5,6 @@ use glam::DVec2;
 use luxel_core::photo::Exif;
 use luxel_core::{BadPixels, Camera, ColorSpace, Conversion, Distortion, Image, Mask, OnDemand, PixelValues, Remedy, Target, View};
 
-use super::developed::is_display_coded;
 use super::masks::decode_mask;
 use super::source::SourceFrame;
 use super::split::Part;
@@ -40,7 +39,7 @@ pub(super) struct LoadedView {
     /// Exposure that the camera wrote beside integer samples that are read as radiance: seconds,
     /// times ISO speed / 100, over the square of the f-number.
     pub(super) photo_exposure: Option<f64>,
-    /// Whether integer samples of a display curve are read as radiance.
+    /// Whether samples of a display's curve are read as radiance.
     pub(super) is_display_coded: bool,
     /// Digest of the bytes of the image and its mask.
     pub(super) digest: blake3::Hash,
@@ -54,7 +53,7 @@ pub(super) fn load_view(frame: &SourceFrame, options: &LoadOptions) -> Result<Lo
     let exif = exif_of_file(&bytes);
     turn_to_camera(&mut decoded, frame, exif.orientation);
     let is_photo = values == PixelValues::Radiance && decoded.depth != SampleDepth::Float;
-    let is_display_coded = values == PixelValues::Radiance && is_display_coded(decoded.depth, options.transfer);
+    let is_display_coded = values == PixelValues::Radiance && decoded.is_display_coded;
     let photo_exposure = if is_photo { stated_exposure(&exif) } else { None };
     drop(bytes);
     let opacity = match options.masks {

@@ -8,7 +8,7 @@
 use std::path::Path;
 
 use super::guard::{check_size, zeroed};
-use super::samples::{Curve, SampleGrid, depth_warnings};
+use super::samples::{Curve, LINEAR, SampleGrid, depth_warnings};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
 
@@ -133,12 +133,12 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     let source = Bytes { bytes, is_big_endian: header.is_big_endian };
     let row_at = |y: usize| header.at + y * stride;
     let count = samples * height;
-    let (depth, (image, alpha)) = if header.bits == 32 {
+    let (depth, curve, (image, alpha)) = if header.bits == 32 {
         let mut floats = zeroed::<f32>(name, count)?;
         for (i, value) in floats.iter_mut().enumerate() {
             *value = source.array(row_at(i / samples) + i % samples * 4).map_or(0.0, f32::from_be_bytes);
         }
-        (SampleDepth::Float, grid.assemble(name, &floats, |v| v, |v| v)?)
+        (SampleDepth::Float, LINEAR, grid.assemble(name, &floats, |v| v, |v| v)?)
     } else {
         let depth = if header.bits == 8 { SampleDepth::Integer8 } else { SampleDepth::Integer16 };
         let mut codes = zeroed::<u16>(name, count)?;
@@ -150,7 +150,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
         let largest = f64::from((1u32 << header.bits) - 1);
         let table: Vec<f32> = (0..=u16::MAX).map(|code| curve.decode(f64::from(code) / largest)).collect();
         let light = |code: u16| table.get(usize::from(code)).copied().unwrap_or(f32::NAN);
-        (depth, grid.assemble(name, &codes, light, |code| (f64::from(code) / largest) as f32)?)
+        (depth, curve, grid.assemble(name, &codes, light, |code| (f64::from(code) / largest) as f32)?)
     };
     Ok(DecodedImage {
         image,
@@ -159,6 +159,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
         color_space: None,
         chromaticities: None,
         depth,
+        is_display_coded: curve != LINEAR,
         warnings: depth_warnings(depth),
     })
 }

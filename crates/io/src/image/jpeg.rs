@@ -13,7 +13,7 @@ use image::{ColorType, ImageDecoder, ImageError};
 
 use super::colorimetry::settle_profile;
 use super::guard::{check_size, zeroed};
-use super::samples::{Curve, NOT_HDR, SampleGrid};
+use super::samples::{Curve, LINEAR, NOT_HDR, SampleGrid};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
 
@@ -64,6 +64,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
         color_space: None,
         chromaticities: None,
         depth: SampleDepth::Integer8,
+        is_display_coded: curve != LINEAR,
         warnings,
     };
     settle_profile(&mut decoded, bytes);

@@ -139,6 +139,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
         color_space: None,
         chromaticities: None,
         depth: SampleDepth::Float,
+        is_display_coded: false,
         warnings: Vec::new(),
     })
 }

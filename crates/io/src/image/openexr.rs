@@ -235,6 +235,15 @@ impl Canvas {
             warnings.push(format!("the pixel aspect ratio is {aspect}: pixels are read as square, as cameras of data sets take them"));
         }
         let chromaticities = attributes.chromaticities.map(|c| [c.red, c.green, c.blue, c.white].map(|Vec2(x, y)| [x, y]));
-        DecodedImage { image, alpha, is_premultiplied: true, color_space: None, chromaticities, depth: SampleDepth::Float, warnings }
+        DecodedImage {
+            image,
+            alpha,
+            is_premultiplied: true,
+            color_space: None,
+            chromaticities,
+            depth: SampleDepth::Float,
+            is_display_coded: false,
+            warnings,
+        }
     }
 }

@@ -15,7 +15,7 @@ use luxel_core::{Chromaticities, ColorSpace, Remedy};
 
 use super::colorimetry::{conversion_to_rec709, settle_profile, settle_space};
 use super::guard::{check_size, zeroed};
-use super::samples::{Curve, SampleGrid, depth_warnings};
+use super::samples::{Curve, LINEAR, SampleGrid, depth_warnings};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
 
@@ -90,8 +90,8 @@ fn decode_samples(name: &Path, bytes: &[u8], info: &Info, options: &ReadOptions)
             layout.assemble16(name, &buffer, curve)?
         }
     };
-    let warnings = depth_warnings(depth);
-    Ok(DecodedImage { image, alpha, is_premultiplied: false, color_space: None, chromaticities: None, depth, warnings })
+    let (is_display_coded, warnings) = (curve != LINEAR, depth_warnings(depth));
+    Ok(DecodedImage { image, alpha, is_premultiplied: false, color_space: None, chromaticities: None, depth, is_display_coded, warnings })
 }
 
 /// Returns the size from the first bytes.

@@ -45,7 +45,8 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
         }
         None => None,
     };
-    Ok(DecodedImage { image, alpha: None, is_premultiplied: false, color_space, chromaticities, depth: SampleDepth::Float, warnings })
+    let (alpha, is_premultiplied, depth, is_display_coded) = (None, false, SampleDepth::Float, false);
+    Ok(DecodedImage { image, alpha, is_premultiplied, color_space, chromaticities, depth, is_display_coded, warnings })
 }
 
 /// Returns the bytes of the pixels of an old file without any run lengths: as many as pixels need,

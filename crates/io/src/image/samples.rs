@@ -8,6 +8,9 @@ use super::{ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
 use crate::image::guard::zeroed;
 
+/// The curve of samples that are proportional to light.
+pub(super) const LINEAR: Curve = Curve::Named(Transfer::Linear);
+
 /// A curve that is known: from the user, from the file or from a standard.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Curve {

@@ -23,7 +23,7 @@ use luxel_core::Chromaticities;
 
 use super::colorimetry::{conversion_to_rec709, settle_profile, settle_space};
 use super::guard::{check_block, check_size};
-use super::samples::{Curve, SampleGrid, depth_warnings};
+use super::samples::{Curve, LINEAR, SampleGrid, depth_warnings};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
 use crate::memory::check_memory;
@@ -42,9 +42,6 @@ const UNASSOCIATED_ALPHA: u16 = 2;
 const WHITE_IS_ZERO: u16 = 0;
 /// White where none is stated.
 const D65: [f32; 2] = [0.3127, 0.3290];
-/// Codes as they are.
-const LINEAR: Curve = Curve::Named(Transfer::Linear);
-
 /// Decodes the first image.
 pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
     let mut decoded = decode_samples(name, bytes, options)?;
@@ -224,8 +221,8 @@ fn convert(
         }
     }
     let is_premultiplied = is_premultiplied.unwrap_or(depth == SampleDepth::Float);
-    let warnings = depth_warnings(depth);
-    Ok(DecodedImage { image, alpha, is_premultiplied, color_space: None, chromaticities: None, depth, warnings })
+    let (is_display_coded, warnings) = (curve != LINEAR, depth_warnings(depth));
+    Ok(DecodedImage { image, alpha, is_premultiplied, color_space: None, chromaticities: None, depth, is_display_coded, warnings })
 }
 
 /// Returns the size of the first image.
