@@ -68,8 +68,8 @@ pub struct DecodedImage {
     pub chromaticities: Option<[[f32; 2]; 4]>,
     /// Precision in the file.
     pub depth: SampleDepth,
-    /// Whether samples are of a display's curve, such as sRGB's, and not proportional to light nor of
-    /// a camera's.
+    /// Whether samples are of a display's curve, such as sRGB's: not proportional to light, nor
+    /// of a camera's curve.
     pub is_display_coded: bool,
     /// Remarks that a user should read, without the file's name.
     pub warnings: Vec<String>,
