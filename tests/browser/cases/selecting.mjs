@@ -118,7 +118,6 @@ export default {
 
   async "a click on a hue selects that hue"() {
     const page = await open(at);
-    await page.locator("#edit-add").click();
     // The most colourful of some lit places whose neighbours have their hue: a click is a whole number of the window's pixels.
     const [u, v] = await page.evaluate(() => {
       const { scene, shown } = window.luxel;
@@ -137,6 +136,8 @@ export default {
       return best.place;
     });
     const [before] = await sampled(page, [[u, v]]);
+    // A new entry takes a stop from everything until it selects a hue.
+    await page.locator("#edit-add").click();
     await page.locator("#pick-hue").click();
     const { x, y, width, height } = await page.locator("#picture").boundingBox();
     await page.mouse.click(x + u * width, y + v * height);
