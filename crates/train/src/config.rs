@@ -140,8 +140,8 @@ impl TrainConfig {
     /// Returns the configuration with the degrees of LCD's harmonics decided that are left open:
     /// those of the scene that training starts from, if there is one, else the published ones, or,
     /// for photographs that were developed for display, a luminance that varies with the view. A
-    /// camera brightens and darkens what it develops, which a luminance that is the same from
-    /// everywhere explains by splats that are not there.
+    /// luminance that is the same from everywhere was worse than harmonics of radiance on such
+    /// photographs (notebook, `photographs-luminance.md`).
     #[must_use]
     pub fn with_degrees(self, is_developed: bool, scene: Option<ColorModel>) -> Self {
         if self.method != Method::Lcd {
