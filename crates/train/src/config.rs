@@ -39,6 +39,12 @@ const MIN_BOUND_BY_DATA: u32 = 40_000;
 /// samples would take more memory and time.
 const MOST_SUPERSAMPLED_PX: u64 = 200_000;
 
+/// The most initial splats that stereo finds where nothing else is asked for.
+const STEREO_POINTS: u32 = 20_000;
+
+/// Number of training views from which stereo adds to the points of a data set by itself.
+const LEAST_STEREO_VIEWS: usize = 8;
+
 /// Degrees of LCD's harmonics as published.
 const CHROMA_DEGREE: u8 = 3;
 const LUMINANCE_DEGREE: u8 = 0;
@@ -135,6 +141,13 @@ impl TrainConfig {
     pub fn samples_for(&self, largest_px: u64) -> u8 {
         let has_networks = self.method.has_own_steps() || self.method.has_anchors();
         self.samples.unwrap_or(if has_networks || largest_px > MOST_SUPERSAMPLED_PX { 1 } else { 2 })
+    }
+
+    /// Returns the largest number of initial splats that stereo between so many training views
+    /// finds, beside the points of the data set if it has any. Few views leave open where repeated
+    /// texture is, and points are a better start than wrong ones (notebook, `few-views.md`).
+    pub fn stereo_points_for(&self, views: usize, has_points: bool) -> u32 {
+        self.stereo_points.unwrap_or(if has_points && views < LEAST_STEREO_VIEWS { 0 } else { STEREO_POINTS })
     }
 
     /// Returns the configuration with the degrees of LCD's harmonics decided that are left open:

@@ -145,7 +145,7 @@ fn the_start_reads_each_image_once_and_once_for_stereo_whatever_it_has_to_know()
     let without_points = Dataset { points: Vec::new(), ..dataset() };
     for data in [dataset(), with_tracks, without_points, captured] {
         for (rule, scale) in [(ScaleRule::Median20, None), (ScaleRule::Max, None), (ScaleRule::Raw, None), (ScaleRule::P99, Some(2.0))] {
-            for (stereo_points, times) in [(0, 1), (100, 2)] {
+            for (stereo_points, times) in [(Some(0), 1), (Some(100), 2)] {
                 let config = TrainConfig { scale_rule: rule, radiance_scale: scale, stereo_points, ..config(8) };
                 let first = |data: &Dataset| Trainer::new(data, config.clone(), engine()).unwrap().scene().unwrap();
                 let in_memory = first(&data);
@@ -153,7 +153,7 @@ fn the_start_reads_each_image_once_and_once_for_stereo_whatever_it_has_to_know()
                     let (later, reads) = on_demand(&data, usize::MAX);
                     let later = Dataset { readers, ..later };
                     assert!(first(&later) == in_memory, "{rule:?} {readers}");
-                    assert_eq!(reads.load(Ordering::Relaxed), times * data.train.len(), "{rule:?} {readers} {stereo_points}");
+                    assert_eq!(reads.load(Ordering::Relaxed), times * data.train.len(), "{rule:?} {readers} {stereo_points:?}");
                 }
             }
         }

@@ -72,7 +72,7 @@ fn without_weight_of_captured_images_hdr_gs_is_training_of_log_harmonics() {
     let data = pairs();
     // Without densification, whose thresholds turn rounding into other splats.
     let alone =
-        TrainConfig { ldr_weight: 0.0, hdr_weight: 1.0, average_share: 0.0, densify_from: Some(1000), stereo_points: 0, ..base(60) };
+        TrainConfig { ldr_weight: 0.0, hdr_weight: 1.0, average_share: 0.0, densify_from: Some(1000), stereo_points: Some(0), ..base(60) };
     let plain = TrainConfig { method: Method::LogSh3, cutoffs: CutoffPreset::Parity, hdr_weight: 0.6, ldr_weight: 1.0, ..alone.clone() };
     let (mut a, mut b) = (Trainer::new(&data, alone, engine()).unwrap(), Trainer::new(&data, plain, engine()).unwrap());
     for step in 1..=60 {

@@ -357,7 +357,7 @@ fn large_splats_are_pruned_after_a_reset_unless_there_is_no_limit() {
     let data = dataset();
     // Nothing grows, and the limit is so small that every splat exceeds it.
     let splats = |prune_scale, opacity_reset_interval| {
-        let config = TrainConfig { densify_threshold: 1e9, prune_scale, opacity_reset_interval, stereo_points: 0, ..config(120) };
+        let config = TrainConfig { densify_threshold: 1e9, prune_scale, opacity_reset_interval, stereo_points: Some(0), ..config(120) };
         let mut trainer = Trainer::new(&data, config, engine()).unwrap();
         (0..60).find_map(|_| trainer.step().err()).map_or_else(|| Ok(trainer.scene().unwrap().splats.len()), |error| Err(error.to_string()))
     };

@@ -151,7 +151,7 @@ fn a_fall_off_is_found_beside_a_camera_response() {
     };
     data.train = data.train.iter().flat_map(|view| [-1, 0, 1].map(|k| record(view, k))).collect();
     // Blobs that are all alike give stereo wrong points.
-    let trainer = trained(&data, TrainConfig { unit_exposure: 0.5f32.powf(1.0 / 2.2), stereo_points: 0, ..base(900) });
+    let trainer = trained(&data, TrainConfig { unit_exposure: 0.5f32.powf(1.0 / 2.2), stereo_points: Some(0), ..base(900) });
     let (lens, vignetting) = found(&trainer, &data.train[0].camera);
     let [error, _] = difference(&vignetting, &TRUTH);
     println!("ln gain is {error:.4} off; {:.3} EV in the corners", lens.corner_ev);

@@ -268,7 +268,7 @@ fn check_used(dataset: &Dataset, config: &RunConfig, explicit: &ExplicitArgs, co
         let points = text::plural(dataset.points.len(), "point");
         console.warn(&format!("--init-points changes nothing: the data set has {points} to start from"));
     }
-    if explicit.contains("stereo_points") && config.train.stereo_points > 0 {
+    if explicit.contains("stereo_points") && config.train.stereo_points != Some(0) {
         let is_pinhole = |view: &View| view.camera.projection == CameraProjection::Pinhole;
         if !dataset.train.iter().all(is_pinhole) {
             console.warn("--stereo-points finds nothing: stereo compares pinhole cameras only, and some views are fisheyes or panoramas");

@@ -98,7 +98,8 @@ impl RunMemory {
             true => 0,
             false => first_colors_bytes(first, plan.images as u64),
         };
-        let stereo = match scene_splats.is_none() && train.stereo_points > 0 {
+        // Whether the data set has points is not known yet.
+        let stereo = match scene_splats.is_none() && train.stereo_points_for(plan.images, false) > 0 {
             true => stereo_bytes(plan.images as u64, plan.largest_px),
             false => 0,
         };
@@ -213,7 +214,7 @@ mod tests {
     fn a_scene_counts_with_its_splats_and_without_first_colors() {
         // Images so small that finding colours takes more than a step.
         let plan = plan(100, 10_000, u64::MAX);
-        let config = TrainConfig { max_splats: None, stereo_points: 0, ..TrainConfig::default() };
+        let config = TrainConfig { max_splats: None, stereo_points: Some(0), ..TrainConfig::default() };
         let of = |config: &TrainConfig, scene| RunMemory::estimate(&plan, config, scene, false, 0);
         let (anew, from_scene) = (of(&config, None), of(&config, Some(3_000_000)));
         assert_eq!(
@@ -228,7 +229,7 @@ mod tests {
         assert_eq!(of(&bounded, None).buffers_bytes, of(&few, None).buffers_bytes);
         assert!(of(&bounded, None).buffers_bytes < anew.buffers_bytes);
         // Stereo counts as long as it may find points.
-        let stereo = TrainConfig { stereo_points: 1, ..few.clone() };
+        let stereo = TrainConfig { stereo_points: Some(1), ..few.clone() };
         assert!(of(&stereo, None).buffers_bytes > of(&few, None).buffers_bytes);
         assert_eq!(of(&stereo, Some(10)).buffers_bytes, of(&few, Some(10)).buffers_bytes);
         // Frozen geometry stays as it is, and gets its colours from the images.

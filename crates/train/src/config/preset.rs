@@ -48,7 +48,7 @@ presets! {
     hold_out:                0.0,                         0.1,                         0.1;
     /// Paper: 0, because splats start at the points of the data set. Full and fast: splats start in
     /// the right places, too, where texture repeats and where the data set has no points.
-    stereo_points:           0,                           20_000,                      20_000;
+    stereo_points:           Some(0),                     None,                        None;
     /// Paper: 0, because without a bound nothing is relocated. Full and fast: without relocation,
     /// growth would end when the bound is reached.
     turnover:                0.0,                         0.1,                         0.1;

@@ -217,6 +217,15 @@ fn nonsense_is_refused_with_the_options_name() {
 }
 
 #[test]
+fn few_views_of_a_set_with_points_have_no_stereo_unless_a_number_is_given() {
+    let points =
+        |config: &TrainConfig| [(7, true), (8, true), (7, false)].map(|(views, has_points)| config.stereo_points_for(views, has_points));
+    assert_eq!(points(&TrainConfig::default()), [0, 20_000, 20_000]);
+    assert_eq!(points(&TrainConfig { stereo_points: Some(500), ..TrainConfig::default() }), [500; 3]);
+    assert_eq!(points(&TrainConfig::from_preset(Preset::Paper)), [0; 3]);
+}
+
+#[test]
 fn small_images_have_two_samples_along_a_pixels_side_unless_a_number_is_given() {
     let samples = |arguments: &[&str], px: u64| {
         parse(arguments).unwrap().with_preset(|name| name == "samples" && !arguments.is_empty()).samples_for(px)

@@ -154,7 +154,8 @@ fn starting_points(dataset: &Dataset, config: &TrainConfig, knots: Option<Knots>
     let limit = config.splat_limit(pixels(&dataset.train));
     let without = (config.init_points as usize).min(limit);
     // Half is left to the points of the data set, or to random ones, and to densification.
-    let most_found = if points.is_empty() { without / 2 } else { limit / 2 }.min(config.stereo_points as usize);
+    let most_found = if points.is_empty() { without / 2 } else { limit / 2 };
+    let most_found = most_found.min(config.stereo_points_for(dataset.train.len(), !points.is_empty()) as usize);
     let found = stereo::stereo_points(StartViews::new(dataset, knots), &points, most_found, &mut rng)?;
     if points.is_empty() {
         points = volume::random_points(&dataset.train, without - found.len(), &mut rng);

@@ -165,20 +165,23 @@ mod tests {
 
     #[test]
     fn the_start_has_them_beside_the_points_of_the_data_set_or_as_half_of_the_initial_ones() {
-        let positions_within = |points: Vec<Point>, stereo_points: u32, max_splats: Option<u32>| {
+        let positions_within = |points: Vec<Point>, stereo_points: Option<u32>, max_splats: Option<u32>| {
             let data = Dataset { points, ..dataset_of(views(texture)) };
             let config = TrainConfig { stereo_points, init_points: 300, max_splats, ..TrainConfig::default() };
             initialise(&data, &config, None).unwrap().splats.position
         };
-        let positions = |points: Vec<Point>, stereo_points: u32| positions_within(points, stereo_points, None);
+        let positions = |points: Vec<Point>, stereo_points| positions_within(points, stereo_points, None);
         let on_wall = |positions: &[[f32; 3]]| positions.iter().filter(|at| (at[2] - 4.0).abs() < 0.05).count();
-        assert_eq!(positions(hints(), 0).len(), 24);
-        let beside = positions(hints(), 500);
+        assert_eq!(positions(hints(), Some(0)).len(), 24);
+        let beside = positions(hints(), Some(500));
         assert!(beside.len() == 524 && on_wall(&beside) > 490);
         // Densification has room.
-        assert_eq!(positions_within(hints(), 500, Some(400)).len(), 224);
-        let alone = positions(Vec::new(), 20_000);
+        assert_eq!(positions_within(hints(), Some(500), Some(400)).len(), 224);
+        let alone = positions(Vec::new(), Some(20_000));
         assert!(alone.len() == 300 && on_wall(&alone) > 140);
+        // Where nothing is asked for, few views add nothing to points that are there.
+        assert_eq!(positions(hints(), None).len(), 24);
+        assert_eq!(positions(Vec::new(), None), alone);
     }
 
     #[test]
