@@ -34,7 +34,6 @@ mod camera;
 mod contract;
 mod lights;
 mod retire;
-#[cfg(feature = "testing")]
 mod surplus;
 mod vignetting;
 

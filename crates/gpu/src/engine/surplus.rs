@@ -1,5 +1,6 @@
 //! A test hook: a step in which `project` counts more tiles than `bin_emit` finds, as if a compiler
-//! rounded the two differently. Only with the feature `testing`.
+//! rounded the two differently. It is always compiled, not a feature, so that tests and programs
+//! share one build.
 
 use luxel_core::engine::StepConfig;
 use luxel_core::{EngineError, RasterConfig, RenderOptions, Splats, View};
@@ -16,6 +17,7 @@ impl GpuEngine {
     ///
     /// # Errors
     /// The errors of [`Self::gradients`].
+    #[doc(hidden)]
     pub fn gradients_with_surplus(&mut self, view: &View, step: &StepConfig, surplus: u32) -> Result<Splats, EngineError> {
         view.validate()?;
         let step =
