@@ -1,6 +1,7 @@
 //! The program on a GPU: any adapter, software renderers too. Without an adapter the tests are
 //! reported as ignored; where `LUXEL_REQUIRE_GPU=1` that is a failure. `LUXEL_TEST_GPU` is a part
-//! of the name of the adapter to take.
+//! of the name of the adapter to take. `LUXEL_GPU_TESTS=threads` asks for tests of single kernels:
+//! there are none here.
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod common;
@@ -98,10 +99,11 @@ fn main() {
     let choice = luxel_gpu::DeviceChoice::Named(wanted);
     let adapter = luxel_gpu::adapters().into_iter().find(|adapter| adapter.reason_against(&choice).is_none());
     let device = adapter.map(|adapter| format!("gpu:{}", adapter.name));
+    let single_kernels = std::env::var("LUXEL_GPU_TESTS").is_ok_and(|v| v == "threads");
     let mut trials = Vec::new();
     for (name, body) in ALL {
         let device = device.clone();
-        let is_ignored = device.is_none();
+        let is_ignored = device.is_none() || single_kernels;
         let run = move || {
             if let Some(device) = &device {
                 body(device);
