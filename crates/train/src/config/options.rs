@@ -210,7 +210,7 @@ options! {
         /// Largest number of initial splats that stereo between the training views finds, beside
         /// the points of the data set, and no more than half of the limit on splats or, without
         /// points, of `init_points`; 0 turns it off
-        stereo_points: Option<u32> = None, "N", Range::Any, unset: "20000; 0 for fewer than 8 training views with points in the data set";
+        stereo_points: Option<u32> = None, "N", Range::Any, unset: "20000; 0 where a data set with points has fewer than 8 training views";
         /// Initial opacity
         init_opacity: Option<f32> = None, "OPACITY", Range::Between, unset: "0.1 for adc, 0.5 for mcmc";
         /// Initial scale, as a multiple of the root mean squared distance to the 3 nearest
