@@ -15,7 +15,6 @@ mod state;
 use std::ops::Range;
 use std::sync::Arc;
 
-use fearless_simd::Level;
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{
     ChannelSource, ChannelStep, DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, MomentFormat, SavedPart,
@@ -24,6 +23,7 @@ use luxel_core::engine::{
 use luxel_core::{
     Camera, ColorModel, Engine, EngineError, Image, Layers, Moments, PassTime, Remedy, RenderOptions, Splats, StepReport, View,
 };
+use luxel_lanes::Level;
 
 use self::screens::SpareBuffers;
 use self::state::{RECORD_BYTES, State};
@@ -61,7 +61,7 @@ impl CpuEngine {
 
     /// Returns the name of the instruction set in use, for display.
     pub fn instruction_set(&self) -> String {
-        format!("{:?}", self.state.level).split(['(', ' ', '{']).next().unwrap_or_default().to_lowercase()
+        self.state.level.name()
     }
 
     /// Restricts the engine to a smaller instruction set, to test that results do not depend on it
@@ -71,8 +71,8 @@ impl CpuEngine {
     /// [`EngineError::Device`] if the processor does not have it; the engine is then unchanged.
     pub fn set_instruction_set(&mut self, set: InstructionSet) -> Result<(), EngineError> {
         let level = match set {
-            InstructionSet::Best => Some(Level::new()),
-            InstructionSet::Avx2 => avx2(),
+            InstructionSet::Best => Some(Level::best()),
+            InstructionSet::Avx2 => Level::avx2(),
             InstructionSet::Baseline => Some(Level::baseline()),
         };
         self.state.level = level.ok_or_else(|| {
@@ -112,16 +112,6 @@ pub enum InstructionSet {
     Avx2,
     /// The set that every processor of the target has (SSE2 on x86-64, NEON on aarch64).
     Baseline,
-}
-
-#[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
-fn avx2() -> Option<Level> {
-    Level::new().as_avx2().map(Level::Avx2)
-}
-
-#[cfg(not(any(target_arch = "x86", target_arch = "x86_64")))]
-fn avx2() -> Option<Level> {
-    None
 }
 
 /// Bytes of a sample in the tiles, and of a pixel in the image with its layers.

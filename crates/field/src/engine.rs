@@ -1,9 +1,9 @@
 //! A field as an engine that renders: evaluation, rendering and measurements of speed ask any
 //! engine for images.
 
-use fearless_simd::Level;
 use luxel_core::engine::{EngineError, RenderOnly};
 use luxel_core::{Camera, Layers, RenderOptions};
+use luxel_lanes::Level;
 
 use crate::error::FieldError;
 use crate::field::Field;
@@ -26,7 +26,7 @@ impl FieldEngine {
 
     /// Returns the name of the instruction set that it computes with.
     pub fn instruction_set(&self) -> String {
-        format!("{:?}", Level::new())
+        Level::best().name()
     }
 }
 

@@ -1,7 +1,7 @@
 //! A radiance field: its shape, parameters and occupied cells.
 
-use fearless_simd::Level;
 use luxel_core::Dataset;
+use luxel_lanes::Level;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -129,7 +129,7 @@ impl Field {
         let chunk = |positions: &[[f32; 3]]| {
             let (mut blocks, mut room, mut densities) = (Vec::new(), Room::default(), Vec::new());
             position_blocks(positions, &mut blocks);
-            fearless_simd::dispatch!(level, simd => self.networks.densities(simd, &self.grid, self.parameters(), &blocks, &mut room, &mut densities));
+            luxel_lanes::dispatch!(level, simd => self.networks.densities(simd, &self.grid, self.parameters(), &blocks, &mut room, &mut densities));
             densities.truncate(positions.len());
             densities
         };

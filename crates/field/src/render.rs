@@ -4,9 +4,10 @@
 //! one ray through its middle, marched until its transmittance is below [`MIN_TRANSMITTANCE`], with
 //! [longer intervals](Spacing) as long as the field is fog.
 
-use fearless_simd::{Level, Simd};
+use fearless_simd::Simd;
 use glam::DVec2;
 use luxel_core::{Camera, Image, Layers};
+use luxel_lanes::Level;
 use rayon::prelude::*;
 
 use crate::field::Field;
@@ -62,12 +63,12 @@ impl Field {
 
     fn render_once(&self, camera: &Camera, background: [f32; 3]) -> Layers {
         let [width, height] = camera.size_px.map(|side| side as usize);
-        let (level, lifts) = (Level::new(), self.networks.head.lifts(self.networks.of_head(&self.weights)));
+        let (level, lifts) = (Level::best(), self.networks.head.lifts(self.networks.of_head(&self.weights)));
         let mut pixels = vec![Pixel::default(); width * height];
         pixels.par_chunks_mut(CHUNK).enumerate().for_each_init(
             || (Samples::default(), Room::default()),
             |(samples, room), (chunk, pixels)| {
-                fearless_simd::dispatch!(level, simd => self.render_pixels(simd, camera, lifts.as_ref(), Part { first: chunk * CHUNK, pixels }, samples, room));
+                luxel_lanes::dispatch!(level, simd => self.render_pixels(simd, camera, lifts.as_ref(), Part { first: chunk * CHUNK, pixels }, samples, room));
             },
         );
         let mut layers = Layers { image: Image::filled(width, height, [0.0; 3]), alpha: Vec::new(), depth: Vec::new() };

@@ -107,7 +107,7 @@ impl Head {
         if self.kind != ColorHead::Log {
             return;
         }
-        let level = fearless_simd::Level::new();
+        let level = luxel_lanes::Level::best();
         for own in weights.chunks_exact_mut(count) {
             let (mut first, mut second) = (vec![0.0; count], vec![0.0; count]);
             for step in 1..=START_STEPS {
@@ -121,7 +121,7 @@ impl Head {
                 }
                 let moving = Moving { parameters: own, first: &mut first, second: &mut second };
                 let rate = Rate::new(START_RATE * (1.0 - f64::from(step - 1) as f32 / START_STEPS as f32), step);
-                fearless_simd::dispatch!(level, simd => rate.update(simd, moving, &gradient));
+                luxel_lanes::dispatch!(level, simd => rate.update(simd, moving, &gradient));
             }
         }
     }

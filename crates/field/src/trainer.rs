@@ -13,9 +13,9 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use fearless_simd::Level;
 use glam::DVec2;
 use luxel_core::{Dataset, PixelValues};
+use luxel_lanes::Level;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -160,7 +160,7 @@ impl FieldTrainer {
         let mut tasks = Vec::new();
         tasks.resize_with(TASKS, Task::default);
         let gradient = vec![0.0; field.table.len()];
-        Self { field, state, views, moments, gradient, tasks, rooms: Mutex::default(), threads, level: Level::new() }
+        Self { field, state, views, moments, gradient, tasks, rooms: Mutex::default(), threads, level: Level::best() }
     }
 
     /// Returns the field as it stands.
@@ -227,7 +227,7 @@ impl FieldTrainer {
             tasks.par_iter_mut().enumerate().for_each(|(part, task)| {
                 let rays = rays.chunks(per_task).nth(part).unwrap_or(&[]);
                 let mut room = lock(rooms).pop().unwrap_or_default();
-                fearless_simd::dispatch!(level, simd => task.run(simd, context, rays, &mut room));
+                luxel_lanes::dispatch!(level, simd => task.run(simd, context, rays, &mut room));
                 lock(rooms).push(room);
             });
         });
@@ -329,7 +329,7 @@ impl FieldTrainer {
         threads.install(|| {
             parts.into_par_iter().with_max_len(1).for_each(|(number, moving, gradient)| {
                 gradient.fill(0.0);
-                fearless_simd::dispatch!(level, simd => {
+                luxel_lanes::dispatch!(level, simd => {
                     for task in tasks {
                         grid.scatter(simd, number, &task.samples.positions, &task.by_features, gradient);
                     }
@@ -350,9 +350,9 @@ impl FieldTrainer {
         let (second, second_head) = second_weights.split_at_mut(split);
         let (sum, sum_head) = sum.split_at(split);
         let moving = Moving { parameters, first, second };
-        fearless_simd::dispatch!(level, simd => rate.update(simd, moving, sum));
+        luxel_lanes::dispatch!(level, simd => rate.update(simd, moving, sum));
         let moving = Moving { parameters: head, first: first_head, second: second_head };
-        fearless_simd::dispatch!(level, simd => of_head.update(simd, moving, sum_head));
+        luxel_lanes::dispatch!(level, simd => of_head.update(simd, moving, sum_head));
     }
 }
 

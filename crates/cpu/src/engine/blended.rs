@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
-use fearless_simd::{Level, Simd};
+use fearless_simd::Simd;
 use luxel_core::engine::{
     AbsoluteMeans, BlendGradient, BlendedPixels, BlendedSplats, ChannelRoles, Channels, MeasuredChannels, PixelGradient, check_len,
 };
 use luxel_core::{EngineError, Real, each};
+use luxel_lanes::Level;
 use rayon::prelude::*;
 
 use super::screens::{BlendBuffers, GradientBuffers, ScreenView, Screens};

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use fearless_simd::Level;
+use luxel_lanes::Level;
 
 use super::spare::{Spare, SpareNumbers};
 use crate::passes::activated::ActivatedStore;

@@ -7,12 +7,12 @@ mod channels;
 use std::ops::Range;
 use std::time::Duration;
 
-use fearless_simd::Level;
 use luxel_core::engine::{
     CameraGradient, CameraGradientChoice, DensifyPlan, DensifyStats, Geometry, MeasuredChannels, MomentFormat, ParameterRows, SavedPart,
     SparseGradients, SplatArray, StatsCollection, StepConfig,
 };
 use luxel_core::{EngineError, Moments, Pass, PassTime, Splats, StepReport, View};
+use luxel_lanes::Level;
 use rayon::prelude::*;
 
 use self::channels::ChannelFrame;
@@ -131,7 +131,7 @@ impl State {
         let layout = ParameterRows { color_model: luxel_core::ColorModel::Sh { degree: 0 } };
         let empty = || Store::zeros(layout, 0);
         Self {
-            level: Level::new(),
+            level: Level::best(),
             parameters: empty(),
             moments: MomentStore::zeros(MomentFormat::F32, layout, 0),
             moment_format: MomentFormat::F32,

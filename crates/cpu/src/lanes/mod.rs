@@ -13,6 +13,7 @@ use bytemuck::{Pod, Zeroable};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8, f32x16, i32x16, mask32x16};
 use luxel_core::Real;
+pub(crate) use luxel_lanes::dispatch as with_simd;
 
 pub(crate) use self::functions::LOG2_OF_ZERO;
 
@@ -246,13 +247,12 @@ pub(crate) fn fill_rows<const N: usize>(rows: &mut [Lanes], numbers: &[[f32; N]]
     }
 }
 
-/// Runs `$body` compiled for the instruction set `$level`, with its token as `$simd`.
-macro_rules! with_simd {
-    ($level:expr, $simd:ident => $body:expr) => {
-        fearless_simd::dispatch!($level, $simd => $body)
-    };
+/// Runs `body` as a function of its own, compiled for the instruction set of `simd`: once, however
+/// many passes call it. For work on a block of splats, beside which a call costs nothing.
+#[inline(never)]
+pub(crate) fn outlined<S: Simd, R>(simd: S, body: impl FnOnce() -> R) -> R {
+    simd.vectorize(body)
 }
-pub(crate) use with_simd;
 
 #[cfg(test)]
 mod tests;

@@ -55,13 +55,13 @@ impl<S: Simd> V<S> {
 
 #[cfg(test)]
 mod tests {
-    use fearless_simd::Level;
+    use luxel_lanes::Level;
 
     use super::*;
     use crate::lanes::with_simd;
 
     fn round_trip(first: f32, second: f32, seed: u32) -> [[f32; 16]; 2] {
-        with_simd!(Level::new(), simd => {
+        with_simd!(Level::best(), simd => {
             let (m, v) = V::pack_moments(V::splat(simd, first), V::splat(simd, second), seed).unpack_moments();
             [m.lanes(), v.lanes()]
         })

@@ -1,6 +1,6 @@
 //! Accuracy of the elementary functions, and movement of lanes.
 
-use fearless_simd::Level;
+use luxel_lanes::Level;
 
 use super::*;
 
@@ -21,7 +21,7 @@ fn worst(arguments: impl Iterator<Item = f32>, f: impl Fn(Lanes) -> [f32; LANES]
 
 #[test]
 fn elementary_functions_are_accurate_to_a_few_ulp() {
-    let level = Level::new();
+    let level = Level::best();
     let linear = |a: f32, b: f32| (0..16_000).map(move |i| a + (b - a) * i as f32 / 16_000.0);
     let logarithmic = |a: f32, b: f32| (0..16_000).map(move |i| a * (b / a).powf(i as f32 / 16_000.0));
     let reciprocal = worst(logarithmic(1e-4, 1e4), |x| with_simd!(level, s => V::load(s, &x).reciprocal().lanes()), f64::recip);
@@ -41,7 +41,7 @@ fn elementary_functions_are_accurate_to_a_few_ulp() {
 #[test]
 fn lanes_move_across_the_whole_vector() {
     let row = |start: usize| Lanes(std::array::from_fn(|lane| (start + lane) as f32));
-    for level in [Level::new(), Level::baseline()] {
+    for level in [Level::best(), Level::baseline()] {
         let up = with_simd!(level, s => V::load(s, &row(1)).lanes_up().lanes());
         assert_eq!(up, row(0).0);
         let mut down = row(1).0;

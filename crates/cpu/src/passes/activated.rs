@@ -6,10 +6,11 @@
 //! projection and its gradient are those of training; only scales and opacities are read as they
 //! are. Degenerate: splats that are culled are zero on the screen, and have zero gradients.
 
+use fearless_simd::Simd;
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd};
 use luxel_core::engine::{ActivatedSplats, BlendOptions, CameraMatrices, ParameterRows, ScreenEllipses, ShapeParameters};
 use luxel_core::{Real, each};
+use luxel_lanes::Level;
 use rayon::prelude::*;
 
 use super::color::BlockColor;

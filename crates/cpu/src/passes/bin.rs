@@ -14,7 +14,8 @@
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use fearless_simd::{Level, Simd};
+use fearless_simd::Simd;
+use luxel_lanes::Level;
 use rayon::prelude::*;
 
 use super::project::{Footprint, MARGIN_PX};

@@ -6,9 +6,10 @@
 //! and chunks: the same bits for any number of threads. The derivation is core's
 //! ([`luxel_core::engine::CameraSums`]). Degenerate: gradients that overflow count as zero.
 
-use fearless_simd::{Level, Simd};
+use fearless_simd::Simd;
 use luxel_core::each;
 use luxel_core::engine::{CAMERA_SUMS, CameraSums, ParameterRows};
+use luxel_lanes::Level;
 use rayon::prelude::*;
 
 use super::project_backward::{BlockSums, CameraParts, Inputs, camera_parts};

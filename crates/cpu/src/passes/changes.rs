@@ -141,7 +141,7 @@ impl<'a> BlockChanges<'a> {
 mod tests {
     use std::ops::Range;
 
-    use fearless_simd::Level;
+    use luxel_lanes::Level;
 
     use super::*;
     use crate::lanes::with_simd;
@@ -158,7 +158,7 @@ mod tests {
 
     #[test]
     fn changes_are_kept_by_block_without_picks_that_changed_nothing() {
-        for level in [Level::new(), Level::baseline()] {
+        for level in [Level::best(), Level::baseline()] {
             let mut changes = Changes::default();
             for count in [MOST_PICKS, MOST_PICKS - 1, 33, 16, 5, 1] {
                 changes.clear();
@@ -182,7 +182,7 @@ mod tests {
     #[test]
     fn chunks_from_the_back_are_full_except_the_first() {
         let mut changes = Changes::default();
-        record(Level::new(), &mut changes, 0..5, |pick| 1 << pick);
+        record(Level::best(), &mut changes, 0..5, |pick| 1 << pick);
         changes.end_block();
         let lots: Vec<_> = changes.block(0).chunks_from_back(2).map(|lot| (lot.entries.to_vec(), lot.pixels.to_vec())).collect();
         assert_eq!(lots, [(vec![3, 4], vec![8, 16]), (vec![1, 2], vec![2, 4]), (vec![0], vec![1])]);

@@ -10,7 +10,7 @@ use fearless_simd::Simd;
 use luxel_core::engine::ParameterRows;
 use luxel_core::{ColorBasis, Real, each};
 
-use crate::lanes::{Lanes, V};
+use crate::lanes::{Lanes, V, outlined};
 use crate::view::{ScreenCamera, ViewDirection};
 
 /// The radiance of a block's splats, of one light.
@@ -24,6 +24,15 @@ pub(crate) struct BlockColor<S: Simd> {
 /// Computes the radiance of a block's splats.
 #[inline(always)]
 pub(crate) fn color<S: Simd>(simd: S, camera: &ScreenCamera, layout: ParameterRows, rows: &[Lanes]) -> BlockColor<S> {
+    outlined(
+        simd,
+        #[inline(always)]
+        || color_inlined(simd, camera, layout, rows),
+    )
+}
+
+#[inline(always)]
+fn color_inlined<S: Simd>(simd: S, camera: &ScreenCamera, layout: ParameterRows, rows: &[Lanes]) -> BlockColor<S> {
     let direction = ViewDirection::new(simd, camera, rows).unit;
     let model = layout.color_model;
     let component = model.component(camera.light);

@@ -4,13 +4,13 @@
 //! In: rows of a block, gradient by its radiance `[3]` x 16. Out: gradient rows of harmonics and
 //! raw luminance (up to the active degree; the rest is unchanged), and the gradient by the position
 //! through the direction: (I - v v^T) dE/dv / |position - eye|. The formula is core's
-//! [`luxel_core::ColorModel::backward`].
+//! [`luxel_core::Light::backward`].
 
 use fearless_simd::Simd;
 use luxel_core::engine::ParameterRows;
 use luxel_core::{ColorBasis, each};
 
-use crate::lanes::{Lanes, V};
+use crate::lanes::{Lanes, V, outlined};
 use crate::view::{ScreenCamera, ViewDirection};
 
 /// Differentiates a block's colours, and returns the gradient by the position.
@@ -23,12 +23,29 @@ pub(crate) fn color_backward<S: Simd>(
     d_radiance: [V<S>; 3],
     out: &mut [Lanes],
 ) -> [V<S>; 3] {
+    outlined(
+        simd,
+        #[inline(always)]
+        || color_backward_inlined(simd, camera, layout, rows, d_radiance, out),
+    )
+}
+
+#[inline(always)]
+fn color_backward_inlined<S: Simd>(
+    simd: S,
+    camera: &ScreenCamera,
+    layout: ParameterRows,
+    rows: &[Lanes],
+    d_radiance: [V<S>; 3],
+    out: &mut [Lanes],
+) -> [V<S>; 3] {
     let ViewDirection { unit: direction, inverse_distance } = ViewDirection::new(simd, camera, rows);
-    let model = layout.color_model;
-    let basis = ColorBasis::new(camera.active_degree.min(model.max_degree()), direction);
+    // Only models of one light are trained.
+    let light = layout.color_model.component(0).light;
+    let basis = ColorBasis::new(camera.active_degree.min(light.max_degree()), direction);
     let luminance = layout.luminance();
     let (sh_rows, luminance_rows) = out.split_at_mut(luminance);
-    let d_direction = model.backward(
+    let d_direction = light.backward(
         &basis,
         |m, c| V::load(simd, &rows[ParameterRows::SH + 3 * m + c]),
         |m| V::load(simd, &rows[luminance + m]),

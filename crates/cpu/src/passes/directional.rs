@@ -6,12 +6,13 @@
 
 use std::ops::Range;
 
-use fearless_simd::{Level, Simd};
+use fearless_simd::Simd;
 use luxel_core::engine::{ColorGradient, DirectionalColors};
 use luxel_core::{ColorBasis, ColorModel, Real, each};
+use luxel_lanes::Level;
 use rayon::prelude::*;
 
-use crate::lanes::{LANES, Lanes, V, dot, with_simd};
+use crate::lanes::{LANES, Lanes, V, dot, outlined, with_simd};
 use crate::prefetch::fetch;
 
 /// Blocks of splats per chunk.
@@ -28,6 +29,15 @@ const FEW_ROWS: usize = 4;
 /// Transposes up to sixteen splats of `stride` numbers each to the first `width` rows.
 #[inline(always)]
 fn load_rows<S: Simd>(simd: S, numbers: &[f32], stride: usize, width: usize, rows: &mut [Lanes]) {
+    outlined(
+        simd,
+        #[inline(always)]
+        || load_rows_inlined(simd, numbers, stride, width, rows),
+    );
+}
+
+#[inline(always)]
+fn load_rows_inlined<S: Simd>(simd: S, numbers: &[f32], stride: usize, width: usize, rows: &mut [Lanes]) {
     if width <= FEW_ROWS {
         for (lane, splat) in numbers.chunks_exact(stride).enumerate() {
             rows.iter_mut().zip(&splat[..width]).for_each(|(row, number)| row.0[lane] = *number);
@@ -56,6 +66,15 @@ fn load_rows<S: Simd>(simd: S, numbers: &[f32], stride: usize, width: usize, row
 /// numbers become 0.
 #[inline(always)]
 fn store_rows<S: Simd>(simd: S, rows: &[Lanes], width: usize, stride: usize, numbers: &mut [f32]) {
+    outlined(
+        simd,
+        #[inline(always)]
+        || store_rows_inlined(simd, rows, width, stride, numbers),
+    );
+}
+
+#[inline(always)]
+fn store_rows_inlined<S: Simd>(simd: S, rows: &[Lanes], width: usize, stride: usize, numbers: &mut [f32]) {
     if width < stride {
         numbers.chunks_exact_mut(stride).for_each(|splat| splat[width..].fill(0.0));
     }
@@ -178,6 +197,18 @@ impl BlockRows {
     /// Returns the radiance towards an eye.
     #[inline(always)]
     fn radiance<S: Simd>(&self, simd: S, formula: Formula, eye: [f32; 3]) -> [V<S>; 3] {
+        outlined(
+            simd,
+            #[inline(always)]
+            || match formula {
+                Formula::HARMONICS => self.radiance_of(simd, Formula::HARMONICS, eye),
+                formula => self.radiance_of(simd, formula, eye),
+            },
+        )
+    }
+
+    #[inline(always)]
+    fn radiance_of<S: Simd>(&self, simd: S, formula: Formula, eye: [f32; 3]) -> [V<S>; 3] {
         let (basis, _) = self.basis(simd, formula, eye);
         formula.model.radiance(&basis, |m, c| V::load(simd, &self.sh[3 * m + c]), |m| V::load(simd, &self.luminance[m]))
     }
@@ -222,10 +253,7 @@ pub(crate) fn directional_colors(level: Level, colors: &DirectionalColors<'_>, m
                         continue;
                     }
                     rows.load(simd, colors, &layout, camera, first, end);
-                    let radiance = match Formula::of(colors) {
-                        Formula::HARMONICS => rows.radiance(simd, Formula::HARMONICS, *eye),
-                        formula => rows.radiance(simd, formula, *eye),
-                    };
+                    let radiance = rows.radiance(simd, Formula::of(colors), *eye);
                     let radiance = each!([0, 1, 2] c => radiance[c].lanes());
                     for (lane, out) in out.iter_mut().enumerate() {
                         *out = if bits >> lane & 1 == 1 { each!([0, 1, 2] c => radiance[c][lane]) } else { [0.0; 3] };
@@ -318,10 +346,7 @@ fn chunk_backward<S: Simd>(
                     each!([0, 1, 2] c => d_radiance[c].0[lane] = numbers[c]);
                 }
                 let out = if is_first { &mut *d } else { &mut *buffer };
-                let d_position = match Formula::of(colors) {
-                    Formula::HARMONICS => block_backward(simd, Formula::HARMONICS, rows, *eye, &d_radiance, out),
-                    formula => block_backward(simd, formula, rows, *eye, &d_radiance, out),
-                };
+                let d_position = block_backward(simd, Formula::of(colors), rows, *eye, &d_radiance, out);
                 if !is_first {
                     for (sum, part) in d.sh.iter_mut().zip(&buffer.sh).chain(d.luminance.iter_mut().zip(&buffer.luminance)) {
                         (V::load(simd, sum) + V::load(simd, part)).store(sum);
@@ -359,6 +384,25 @@ fn chunk_backward<S: Simd>(
 /// and returns that by the position.
 #[inline(always)]
 fn block_backward<S: Simd>(
+    simd: S,
+    formula: Formula,
+    rows: &BlockRows,
+    eye: [f32; 3],
+    d_radiance: &[Lanes; 3],
+    out: &mut BlockRows,
+) -> [V<S>; 3] {
+    outlined(
+        simd,
+        #[inline(always)]
+        || match formula {
+            Formula::HARMONICS => block_backward_of(simd, Formula::HARMONICS, rows, eye, d_radiance, out),
+            formula => block_backward_of(simd, formula, rows, eye, d_radiance, out),
+        },
+    )
+}
+
+#[inline(always)]
+fn block_backward_of<S: Simd>(
     simd: S,
     formula: Formula,
     rows: &BlockRows,

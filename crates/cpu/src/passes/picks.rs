@@ -125,7 +125,7 @@ impl Picks {
 
 #[cfg(test)]
 mod tests {
-    use fearless_simd::Level;
+    use luxel_lanes::Level;
 
     use super::*;
     use crate::lanes::with_simd;
@@ -153,7 +153,7 @@ mod tests {
         for bits in [0, 1, 1 << 63, 0b1011_0100, 0xffff, u64::MAX, 0x8421_0842_1084_2108] {
             for before in [0, 3, ENOUGH as u32 - 1] {
                 let expected: Vec<u32> = (0..before).chain((0..64).filter(|bit| bits >> bit & 1 == 1).map(|bit| 640 + bit)).collect();
-                for level in [Level::new(), Level::baseline()] {
+                for level in [Level::best(), Level::baseline()] {
                     with_simd!(level, simd => {
                         assert_eq!(picked(simd, before, bits, true), expected);
                         assert_eq!(picked(simd, before, bits, false), expected);

@@ -2,12 +2,13 @@
 //!
 //! In: the store, camera. Out: one [`Footprint`] per splat.
 
-use fearless_simd::{Level, Simd};
+use fearless_simd::Simd;
+use luxel_lanes::Level;
 use rayon::prelude::*;
 
 use super::project::{self, Footprint, resize_for};
 use super::project_rays;
-use crate::lanes::{LANES, Lanes, with_simd};
+use crate::lanes::{LANES, Lanes, outlined, with_simd};
 use crate::prefetch::{AHEAD, prefetch_rows};
 use crate::store::{Block, Store, StoreShape};
 use crate::view::ScreenCamera;
@@ -33,8 +34,12 @@ pub(crate) fn project_block<S: Simd>(
     smoothing: &[Lanes],
     out: &mut [Footprint],
 ) {
-    match &camera.rays {
-        None => project::project_block(simd, camera, shape, block, smoothing, out),
-        Some(rays) => project_rays::project_block(simd, camera, rays, shape, block, smoothing, out),
-    }
+    outlined(
+        simd,
+        #[inline(always)]
+        || match &camera.rays {
+            None => project::project_block(simd, camera, shape, block, smoothing, out),
+            Some(rays) => project_rays::project_block(simd, camera, rays, shape, block, smoothing, out),
+        },
+    );
 }

@@ -23,7 +23,7 @@ use super::project::{Projection, SQRT_HALF_LOG2_E};
 use super::project_backward_rays::{self, PlaneGradient, dilation_backward};
 use super::project_rays::{Facing, project_to_plane};
 use super::sums::{ENTRY_LEN, EntryGradient};
-use crate::lanes::{LANES, Lanes, V, dot, fill_rows};
+use crate::lanes::{LANES, Lanes, V, dot, fill_rows, outlined};
 use crate::store::{Block, Store, StoreShape};
 use crate::view::ScreenCamera;
 
@@ -208,6 +208,22 @@ fn project_again<S: Simd>(
 /// Computes the gradient of a block.
 #[inline(always)]
 fn block_backward<S: Simd>(
+    simd: S,
+    camera: &ScreenCamera,
+    inputs: &Inputs<'_>,
+    block: Block<'_>,
+    sums: &[V<S>; LANES],
+    out: &mut [Lanes],
+) -> BlockBackward<S> {
+    outlined(
+        simd,
+        #[inline(always)]
+        || block_backward_inlined(simd, camera, inputs, block, sums, out),
+    )
+}
+
+#[inline(always)]
+fn block_backward_inlined<S: Simd>(
     simd: S,
     camera: &ScreenCamera,
     inputs: &Inputs<'_>,

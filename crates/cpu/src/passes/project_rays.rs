@@ -145,7 +145,7 @@ pub(crate) fn project_block<S: Simd>(
 
 #[cfg(test)]
 mod tests {
-    use fearless_simd::Level;
+    use luxel_lanes::Level;
 
     use super::*;
     use crate::lanes::with_simd;
@@ -156,7 +156,7 @@ mod tests {
         let rays = RayTable::new(&camera);
         let noise = |n: u32| ((n.wrapping_mul(2_654_435_761) >> 8) as f32 / (1 << 23) as f32) - 1.0;
         let points = [0, 1, 2].map(|axis| Lanes(std::array::from_fn(|i| 3.0 * noise(7 + 3 * i as u32 + axis))));
-        for level in [Level::new(), Level::baseline()] {
+        for level in [Level::best(), Level::baseline()] {
             let [e, f, unit] = with_simd!(level, simd => {
                 let facing = Facing::new(simd, &rays, each!([0, 1, 2] i => V::load(simd, &points[i])));
                 let lanes = |v: [V<_>; 3]| v.map(|row| row.lanes());

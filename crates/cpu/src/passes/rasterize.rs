@@ -7,9 +7,10 @@
 //! background is weighted by the remaining transmittance. Degenerate: pixels beyond the image are
 //! finished from the start.
 
+use fearless_simd::Simd;
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd};
 use luxel_core::{Image, Real, each};
+use luxel_lanes::Level;
 use rayon::prelude::*;
 
 use super::changes::Changes;

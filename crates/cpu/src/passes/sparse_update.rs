@@ -7,8 +7,8 @@
 
 use std::ops::Range;
 
-use fearless_simd::Level;
 use luxel_core::engine::{DensifyStats, SPLATS_PER_BLOCK, STATISTICS_ROWS, SparseGradients, StatsCollection, StepConfig};
+use luxel_lanes::Level;
 use rayon::prelude::*;
 
 use super::adam::{Optimizer, Step, update};

@@ -11,7 +11,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use fearless_simd::Level;
+use luxel_lanes::Level;
 
 use super::bin::ScreenSplats;
 use super::changes::Changes;

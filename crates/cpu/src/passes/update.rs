@@ -12,8 +12,8 @@
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use fearless_simd::Level;
 use luxel_core::engine::{DensifyStats, StatsCollection, StepConfig};
+use luxel_lanes::Level;
 use rayon::prelude::*;
 
 use super::adam::{Optimizer, Step, update};

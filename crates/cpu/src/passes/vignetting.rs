@@ -8,8 +8,9 @@
 //! and lanes: the same bits for any number of threads. Views without vignetting do not come here.
 //! Degenerate: a pixel without a gradient adds nothing, even if it is NaN.
 
-use fearless_simd::{Level, Simd};
+use fearless_simd::Simd;
 use luxel_core::{Real, VIGNETTING_TERMS, Vignetting};
+use luxel_lanes::Level;
 use rayon::prelude::*;
 
 use super::rasterize::{TilePixels, pixel_centers};

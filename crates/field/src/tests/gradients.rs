@@ -1,6 +1,6 @@
 //! Exact gradients against central differences of the oracle.
 
-use fearless_simd::Level;
+use luxel_lanes::Level;
 
 use super::oracle::{self, difference};
 use crate::PixelLoss;
@@ -19,10 +19,10 @@ fn positions(count: usize) -> Vec<[f32; 3]> {
 fn features_are_those_of_the_oracle_and_so_are_their_gradients() {
     let grid = Grid::new(SMALL);
     let (table, places, width) = (numbers(1, grid.len(), 1.0), positions(37), grid.width());
-    let (level, mut blocks) = (Level::new(), Vec::new());
+    let (level, mut blocks) = (Level::best(), Vec::new());
     position_blocks(&places, &mut blocks);
     let mut features = vec![Lanes::ZERO; blocks.len() / 3 * width];
-    fearless_simd::dispatch!(level, simd => grid.encode(simd, &table, &blocks, &mut features));
+    luxel_lanes::dispatch!(level, simd => grid.encode(simd, &table, &blocks, &mut features));
     for (i, place) in places.iter().enumerate() {
         let expected = oracle::encode(SMALL, &wide(&table), place.map(f64::from));
         let found: Vec<f64> = (0..width).map(|k| f64::from(features[i / LANES * width + k].0[i % LANES])).collect();
@@ -37,7 +37,7 @@ fn features_are_those_of_the_oracle_and_so_are_their_gradients() {
     let mut gradient = vec![0.0; grid.len()];
     for number in 0..grid.levels() {
         let part = &mut gradient[grid.numbers(number)];
-        fearless_simd::dispatch!(level, simd => grid.scatter(simd, number, &blocks, &by_features, part));
+        luxel_lanes::dispatch!(level, simd => grid.scatter(simd, number, &blocks, &by_features, part));
     }
     let total = |table: &[f64]| -> f64 {
         let of_place = |(place, by): (&[f32; 3], &[f32])| -> f64 {
@@ -57,13 +57,13 @@ fn networks_of_any_sizes_have_the_oracles_outputs_and_gradients() {
         let (weights, inputs, outputs) = (network.initial(4), sizes[0], sizes[sizes.len() - 1]);
         let (samples, blocks) = (3 * LANES, 3);
         let (x, by) = (numbers(5, samples * inputs, 1.0), numbers(6, samples * outputs, 1.0));
-        let (level, mut room, mut gradient) = (Level::new(), Activations::default(), vec![0.0; network.len()]);
+        let (level, mut room, mut gradient) = (Level::best(), Activations::default(), vec![0.0; network.len()]);
         let place = |i: usize, width: usize| (i / width / LANES * width + i % width, i / width % LANES);
         for (i, value) in x.iter().enumerate() {
             let (row, lane) = place(i, inputs);
             network.inputs(blocks, &mut room)[row].0[lane] = *value;
         }
-        fearless_simd::dispatch!(level, simd => network.forward(simd, &weights, &mut room));
+        luxel_lanes::dispatch!(level, simd => network.forward(simd, &weights, &mut room));
         let expected: Vec<f64> = x.chunks_exact(inputs).flat_map(|x| oracle::network(sizes, &wide(&weights), &wide(x))).collect();
         let read = |rows: &[Lanes], count: usize, width: usize| -> Vec<f64> {
             (0..count).map(|i| place(i, width)).map(|(row, lane)| f64::from(rows[row].0[lane])).collect()
@@ -73,7 +73,7 @@ fn networks_of_any_sizes_have_the_oracles_outputs_and_gradients() {
             let (row, lane) = place(i, outputs);
             room.by_outputs()[row].0[lane] = *value;
         }
-        fearless_simd::dispatch!(level, simd => network.backward(simd, &weights, &mut room, &mut gradient));
+        luxel_lanes::dispatch!(level, simd => network.backward(simd, &weights, &mut room, &mut gradient));
         let total = |weights: &[f64], x: &[f64]| -> f64 {
             let outputs = x.chunks_exact(inputs).flat_map(|x| oracle::network(sizes, weights, x));
             outputs.zip(&by).map(|(y, by)| y * f64::from(*by)).sum()

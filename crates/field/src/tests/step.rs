@@ -1,7 +1,7 @@
 //! A whole step of training against the oracle, for every objective and kind of network.
 
-use fearless_simd::Level;
 use luxel_core::{RadianceScale, sh};
+use luxel_lanes::Level;
 
 use super::oracle::{self, difference};
 use super::{SMALL, assert_close, numbers, wide};
@@ -162,11 +162,11 @@ fn check(objective: Objective, network: FieldNetwork) {
     let lifts = field.networks.head.lifts(field.networks.of_head(&field.weights));
     let context =
         StepContext { field: &field, options: &options, lifts: lifts.as_ref(), share: SHARE as f32, distortion_weight: DISTORTION as f32 };
-    let (level, mut task, rays) = (Level::new(), Task::default(), rays());
+    let (level, mut task, rays) = (Level::best(), Task::default(), rays());
     // Memory that another part of a step used before.
     let mut room = TaskRoom::default();
-    fearless_simd::dispatch!(level, simd => task.run(simd, context, &rays[..2], &mut room));
-    fearless_simd::dispatch!(level, simd => task.run(simd, context, &rays, &mut room));
+    luxel_lanes::dispatch!(level, simd => task.run(simd, context, &rays[..2], &mut room));
+    luxel_lanes::dispatch!(level, simd => task.run(simd, context, &rays, &mut room));
     assert!((20..2000).contains(&task.samples.len()), "{}", task.samples.len());
     let (table, weights) = (wide(&field.table), wide(&field.weights));
     let head = field.networks.before_head();
@@ -184,7 +184,7 @@ fn check(objective: Objective, network: FieldNetwork) {
     let mut by_table = vec![0.0; field.table.len()];
     for number in 0..field.grid.levels() {
         let part = &mut by_table[field.grid.numbers(number)];
-        fearless_simd::dispatch!(level, simd => field.grid.scatter(simd, number, &task.samples.positions, &task.by_features, part));
+        luxel_lanes::dispatch!(level, simd => field.grid.scatter(simd, number, &task.samples.positions, &task.by_features, part));
     }
     let chosen: Vec<usize> = (0..table.len()).filter(|i| by_table[*i] != 0.0).step_by(29).collect();
     assert!(chosen.len() > 10, "{}", chosen.len());

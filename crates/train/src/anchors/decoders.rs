@@ -7,8 +7,9 @@
 //! ten splats. Each network has 32 ReLU units; weights begin uniform within one over the root of a
 //! layer's inputs, as PyTorch's linear layers do.
 
-use fearless_simd::{Level, Simd};
+use fearless_simd::Simd;
 use luxel_core::{ColorModel, random, sh};
+use luxel_lanes::Level;
 use luxel_networks::{Activations, LANES, Lanes, Network};
 
 use super::numbers::check_numbers;
@@ -97,7 +98,7 @@ impl Decoders {
         for (network, room) in self.networks[1..].iter().zip(rest) {
             network.inputs(blocks, room).copy_from_slice(first.inputs());
         }
-        fearless_simd::dispatch!(Level::new(), simd => self.forward_with(simd, rooms));
+        luxel_lanes::dispatch!(Level::best(), simd => self.forward_with(simd, rooms));
     }
 
     #[inline(always)]
@@ -111,7 +112,7 @@ impl Decoders {
     /// that by the inputs there.
     pub(super) fn backward(&self, rooms: &mut [Activations; NETWORKS]) -> [Vec<f32>; NETWORKS] {
         let mut by_weights = [0, 1, 2].map(|n: usize| vec![0.0; self.weights[n].len()]);
-        fearless_simd::dispatch!(Level::new(), simd => self.backward_with(simd, rooms, &mut by_weights));
+        luxel_lanes::dispatch!(Level::best(), simd => self.backward_with(simd, rooms, &mut by_weights));
         by_weights
     }
 

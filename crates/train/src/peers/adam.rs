@@ -3,8 +3,8 @@
 //! In: numbers, gradient, rate. Out: the numbers after a step, with the constants of the splats'
 //! own updates. Arithmetic is in f64, number by number.
 
-use fearless_simd::Level;
 use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON};
+use luxel_lanes::Level;
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
@@ -42,7 +42,7 @@ impl Adam {
         let power = |beta: f64| 1.0 - beta.powf(f64::from(self.updates));
         let step = Step { rate, correction1: power(beta1), correction2: power(beta2) };
         // Arithmetic is by elements: the same on every instruction set.
-        fearless_simd::dispatch!(Level::new(), _simd => step.apply(numbers, gradient, &mut self.first, &mut self.second));
+        luxel_lanes::dispatch!(Level::best(), _simd => step.apply(numbers, gradient, &mut self.first, &mut self.second));
     }
 
     /// Takes moments to new places: those of the given old ones, 0 where there is none.

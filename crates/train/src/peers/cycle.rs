@@ -10,7 +10,8 @@
 //! in the core's first cache, and takes two blocks of pixels at a time.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd, f32x16};
+use fearless_simd::{Simd, f32x16};
+use luxel_lanes::Level;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
@@ -140,7 +141,7 @@ impl Cycle {
         let (mut blocks, mut slopes) = (vec![[[0.0; LANES]; 3]; pixels.len()], vec![[[0.0; LANES]; HEADS]; pixels.len()]);
         let outs = blocks.par_chunks_mut(CHUNK).zip(slopes.par_chunks_mut(CHUNK));
         outs.zip(pixels.par_chunks(CHUNK)).for_each(|((values, slopes), pixels)| {
-            fearless_simd::dispatch!(Level::new(), simd => self.apply_chunk(simd, pixels, values, slopes));
+            luxel_lanes::dispatch!(Level::best(), simd => self.apply_chunk(simd, pixels, values, slopes));
         });
         let mut values = vec![0.0; 3 * len];
         to_planes(&blocks, 0, len, &mut values);
@@ -159,7 +160,7 @@ impl Cycle {
             .zip(inputs)
             .map(|(out, ((pixels, slopes), by_value))| {
                 let given = Given { pixels, slopes, by_value };
-                fearless_simd::dispatch!(Level::new(), simd => self.backward_chunk(simd, given, out))
+                luxel_lanes::dispatch!(Level::best(), simd => self.backward_chunk(simd, given, out))
             })
             .collect();
         let mut by_numbers = vec![0.0; NUMBERS];

@@ -4,7 +4,8 @@
 //! The same operations on every instruction set.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd, f32x16, i32x16};
+use fearless_simd::{Simd, f32x16, i32x16};
+use luxel_lanes::Level;
 
 /// Numbers of a vector.
 pub(super) const LANES: usize = 16;
@@ -100,7 +101,7 @@ pub(super) fn map<S: Simd>(simd: S, function: &impl Elementwise, numbers: &mut [
 
 /// Applies a function to numbers in place, by the best instructions of the processor.
 pub(super) fn map_all(function: &impl Elementwise, numbers: &mut [f32]) {
-    fearless_simd::dispatch!(Level::new(), simd => map(simd, function, numbers));
+    luxel_lanes::dispatch!(Level::best(), simd => map(simd, function, numbers));
 }
 
 /// [`sigmoid`].

@@ -10,9 +10,10 @@
 //! [`LEAST_UNCERTAINTY`] count as that and have no gradient.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd, f32x16};
+use fearless_simd::{Simd, f32x16};
 use luxel_core::engine::ChannelLoss;
 use luxel_core::{LossWeights, View};
+use luxel_lanes::Level;
 use rayon::prelude::*;
 
 use super::functions::{LANES, ln};
@@ -113,7 +114,7 @@ impl UncertaintyLoss<'_> {
     fn of_image(&self, u: &[f32], d: &[f32], by_u: &mut [f32], plane: usize) -> f64 {
         let planes = u.par_chunks(plane).zip(d.par_chunks(plane)).zip(by_u.par_chunks_mut(plane));
         let sums: Vec<f64> =
-            planes.map(|((u, d), by_u)| fearless_simd::dispatch!(Level::new(), simd => self.of_plane(simd, u, d, by_u))).collect();
+            planes.map(|((u, d), by_u)| luxel_lanes::dispatch!(Level::best(), simd => self.of_plane(simd, u, d, by_u))).collect();
         sums.iter().sum()
     }
 

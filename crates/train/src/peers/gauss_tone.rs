@@ -8,7 +8,8 @@
 //! size, and their sums are added in order: the same bits for any number of threads.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd, f32x16};
+use fearless_simd::{Simd, f32x16};
+use luxel_lanes::Level;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
@@ -182,7 +183,7 @@ impl GaussTone {
     pub(super) fn apply(&self, items: &[Items]) -> Vec<Values> {
         let mut values = vec![[[0.0; LANES]; OUTPUTS]; items.len()];
         values.par_chunks_mut(CHUNK).zip(items.par_chunks(CHUNK)).for_each(|(values, items)| {
-            fearless_simd::dispatch!(Level::new(), simd => self.apply_chunk(simd, items, values));
+            luxel_lanes::dispatch!(Level::best(), simd => self.apply_chunk(simd, items, values));
         });
         values
     }
@@ -233,7 +234,7 @@ impl GaussTone {
             .zip(inputs)
             .map(|(out, ((items, values), by_value))| {
                 let given = Given { items, values, by_value };
-                fearless_simd::dispatch!(Level::new(), simd => self.backward_chunk(simd, given, out))
+                luxel_lanes::dispatch!(Level::best(), simd => self.backward_chunk(simd, given, out))
             })
             .collect();
         let mut by_numbers = vec![0.0; NUMBERS];

@@ -9,8 +9,9 @@
 //! Degenerate: a black image is divided by 1.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd, f32x16};
+use fearless_simd::{Simd, f32x16};
 use luxel_core::View;
+use luxel_lanes::Level;
 use rayon::prelude::*;
 
 use super::functions::{Elementwise, LANES, ln_1p, map_all};
@@ -98,7 +99,7 @@ impl RadianceCurve {
         let (slope, scale) = (self.mu * factor, self.mu * factor / self.mu.ln_1p());
         let len = radiance.len().div_ceil(3).max(1);
         gradient.par_chunks_mut(len).zip(radiance.par_chunks(len)).for_each(|(gradient, radiance)| {
-            fearless_simd::dispatch!(Level::new(), _simd => divide_by_line(gradient, radiance, slope, scale));
+            luxel_lanes::dispatch!(Level::best(), _simd => divide_by_line(gradient, radiance, slope, scale));
         });
         if let (HdrNormalisation::Own, Some(m)) = (self.normalisation, maximum(radiance)) {
             let along: f64 = gradient.iter().zip(radiance).map(|(g, x)| f64::from(*g) * f64::from(*x)).sum();

@@ -31,8 +31,8 @@ mod values;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use fearless_simd::Level;
 use luxel_core::{Knots, LossWeights, RESPONSE_KNOTS, VIGNETTING_TERMS, View};
+use luxel_lanes::Level;
 use rayon::prelude::*;
 
 use self::plan::{LossInputs, LossPlan, Planes};

@@ -12,8 +12,8 @@
 //! not, it evaluates the rows above the band again, by the same operations: the bits do not depend
 //! on which thread does what.
 
-use fearless_simd::Level;
 use luxel_core::RESPONSE_KNOTS;
+use luxel_lanes::Level;
 
 use super::convolution::{GROUP, RowStack};
 use super::gradient::{ChannelRows, GradientScratch, differentiate_values};

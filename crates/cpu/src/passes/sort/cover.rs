@@ -148,7 +148,7 @@ impl Cover {
 
 #[cfg(test)]
 mod tests {
-    use fearless_simd::Level;
+    use luxel_lanes::Level;
 
     use super::*;
     use crate::lanes::{Lanes, with_simd};
@@ -167,7 +167,7 @@ mod tests {
     fn bits_by_entry_become_bits_by_block() {
         let mut noise = noise();
         let entries: [[u32; 2]; GROUP] = std::array::from_fn(|_| [(); 2].map(|()| noise().to_bits().wrapping_mul(2_654_435_761)));
-        for level in [Level::new(), Level::baseline()] {
+        for level in [Level::best(), Level::baseline()] {
             let mut cover = Cover::zeroed();
             entries.iter().enumerate().for_each(|(i, halves)| cover.set(i, *halves));
             with_simd!(level, simd => cover.transpose(simd));
@@ -238,7 +238,7 @@ mod tests {
         let mut noise = noise();
         for round in 0..60 {
             let ellipses = Ellipses::new(&mut noise);
-            for level in [Level::new(), Level::baseline()] {
+            for level in [Level::best(), Level::baseline()] {
                 let bits = ellipses.touched(level);
                 for (i, block) in (0..LANES).flat_map(|i| (0..BLOCKS).map(move |block| (i, block))) {
                     let touched = bits.halves(i)[block / SIDE] >> (block % SIDE) & 1 == 1;

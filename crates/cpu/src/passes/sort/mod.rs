@@ -13,8 +13,9 @@ mod cover;
 mod order;
 
 use bytemuck::{Pod, Zeroable};
-use fearless_simd::{Level, Simd};
+use fearless_simd::Simd;
 use luxel_core::each;
+use luxel_lanes::Level;
 
 use self::cover::{Cover, GROUP, Outlines, SplatBits, touched_blocks};
 use self::order::{Order, place};

@@ -171,7 +171,7 @@ pub(crate) fn add_first_moments<S: Simd>(
 
 #[cfg(test)]
 mod tests {
-    use fearless_simd::Level;
+    use luxel_lanes::Level;
 
     use super::*;
     use crate::lanes::with_simd;
@@ -200,7 +200,7 @@ mod tests {
             }
             let before: Vec<EntryGradient> =
                 (0..40).map(|_| bytemuck::cast::<[f32; ENTRY_LEN], _>(std::array::from_fn(|_| noise()))).collect();
-            for level in [Level::new(), Level::baseline()] {
+            for level in [Level::best(), Level::baseline()] {
                 let (mut folded, mut transposed) = (before.clone(), before.clone());
                 with_simd!(level, simd => {
                     for (i, index) in picks.iter().enumerate() {

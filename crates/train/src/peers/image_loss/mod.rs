@@ -11,8 +11,8 @@ mod band;
 mod similarity;
 mod window;
 
-use fearless_simd::Level;
 use luxel_core::LossWeights;
+use luxel_lanes::Level;
 use rayon::prelude::*;
 
 use self::band::{BAND, BandOut, Channel, Scratch, Sums};
@@ -80,13 +80,13 @@ pub(super) fn compare(of: &Compared<'_>, loss: &LossWeights, out: ComparedOut<'_
         .map(|by_value| BandOut { by_value, dissimilarity: dissimilarity.as_mut().and_then(Iterator::next) })
         .collect();
     let per_channel = height.div_ceil(BAND);
-    let level = Level::new();
+    let level = Level::best();
     let sums: Vec<Sums> = outs
         .par_iter_mut()
         .enumerate()
         .map_init(Scratch::default, |scratch, (i, out)| {
             let (channel, first_row) = (&channels[i / per_channel], i % per_channel * BAND);
-            fearless_simd::dispatch!(level, simd => channel.compare(simd, first_row, scratch, out))
+            luxel_lanes::dispatch!(level, simd => channel.compare(simd, first_row, scratch, out))
         })
         .collect();
     let sum = |of: fn(&Sums) -> f64| sums.iter().map(of).sum::<f64>();
