@@ -184,8 +184,8 @@ pub(crate) enum Command {
     Edit(Box<EditArgs>),
     /// Add the light of scenes that have the same geometry: lamps on and off, key and fill.
     Mix(MixArgs),
-    /// Write a scene for other programs: PLY, USD, glTF, SPZ, SOG or a web page; as radiance or as a
-    /// display bake.
+    /// Write a scene for other programs, as radiance or as a display bake: PLY, USD, glTF, SPZ, SOG
+    /// or a web page.
     Export(Box<ExportArgs>),
     /// Render the light that arrives at a point of the scene as an environment map.
     Probe(Box<ProbeArgs>),
@@ -219,8 +219,8 @@ pub(crate) enum Command {
     after_help = "Ctrl-C and SIGTERM save the state and exit with code 130, or SIGTERM with that of --requeue-code; --resume continues from there, bit for bit."
 )]
 pub(crate) struct TrainArgs {
-    /// Folder of the data set, in any of the layouts that --format lists. Optional with --resume and
-    /// --config, which name one.
+    /// Folder of the data set, in any of the layouts that --format lists. Optional with --resume
+    /// and --config, which name one.
     #[arg(required_unless_present_any = ["resume", "config"])]
     pub(crate) dataset: Option<PathBuf>,
     /// Folder of the run.
