@@ -280,7 +280,7 @@ fn the_end_of_input_stops_a_run_that_was_asked_to_listen() {
 }
 
 #[test]
-fn a_preempted_run_asks_for_requeueing_and_goes_on_to_the_bits_of_an_unbroken_one() {
+fn a_preempted_run_asks_for_requeuing_and_goes_on_to_the_bits_of_an_unbroken_one() {
     let place = Workplace::new();
     place.ok(&train_args("unbroken"));
     let begin = [&train_args("run")[..], &["--requeue-code", "75"]].concat();
