@@ -107,24 +107,37 @@ def field(text, name):
     return re.sub(r"\s+", " ", found.group(1)).strip() if found else ""
 
 
+NOTEBOOK = SOURCE / "notebook"
+SUMMARY = (NOTEBOOK / "SUMMARY.md").read_text(encoding="utf-8")
+
+
 def notebook_pages():
-    """Yields path and text of each page of the notebook that has a status."""
-    summary = (SOURCE / "SUMMARY.md").read_text(encoding="utf-8")
-    for link in re.findall(r"\]\((notebook/[^)]+\.md)\)", summary):
-        path = SOURCE / link
-        text = path.read_text(encoding="utf-8")
-        if path.name != "index.md" and field(text, "Status"):
-            yield path, text
+    """Yields topic, path and text of each page of the notebook."""
+    topic = None
+    for heading, link in re.findall(r"^# (.+)$|^- \[[^\]]+\]\(([^)]+\.md)\)$", SUMMARY, re.MULTILINE):
+        topic = heading or topic
+        if link:
+            text = (NOTEBOOK / link).read_text(encoding="utf-8")
+            if not field(text, "Status"):
+                sys.exit(f"{NOTEBOOK / link}: no status at its head")
+            yield topic, NOTEBOOK / link, text
 
 
-def index(page, _what):
-    """Returns the table of the notebook's pages."""
-    rows = []
-    for path, text in notebook_pages():
+def index(page, what):
+    """Returns the notebook's pages by topic; with "adopted" those that set a default, without the date."""
+    names = ["Decision", "Sets"] if what == "adopted" else ["Decision", "Sets", "Status", "Date"]
+    headings = {"Decision": "decision", "Sets": "default it set", "Status": "status", "Date": "date"}
+    tables = {}
+    for topic, path, text in notebook_pages():
+        if what == "adopted" and not field(text, "Status").startswith("adopted"):
+            continue
+        link = path.relative_to(page.parent).as_posix()
+        base = path.parent.relative_to(page.parent).as_posix()
+        cells = [relinked(field(text, name), pathlib.PurePosixPath(base)) for name in names]
         title = text.split("\n", 1)[0].lstrip("# ")
-        cells = [field(text, name) for name in ("Decision", "Sets", "Status", "Date")]
-        rows.append([f"[{title}]({path.name})", *cells])
-    return "\n" + markdown(["question", "decision", "default it set", "status", "date"], rows) + "\n\n"
+        tables.setdefault(topic, []).append([f"[{title}]({link})", *cells])
+    parts = [f"## {topic}\n\n" + markdown(["question", *(headings[name] for name in names)], rows) for topic, rows in tables.items()]
+    return "\n" + "\n\n".join(parts) + "\n\n"
 
 
 def age(page, _what):
@@ -134,7 +147,7 @@ def age(page, _what):
     dates = re.findall(r"\d{4}-\d{2}-\d{2}", field(text, "Date"))
     if not dates:
         sys.exit(f"{page}: a page that says what it measures needs a date")
-    header, rows = rows_of(SOURCE / "notebook" / "data" / "changes.csv")
+    header, rows = rows_of(NOTEBOOK / "data" / "changes.csv")
     rows = [dict(zip(header, row)) for row in rows]
     if unknown := set(parts) - {row["part"] for row in rows}:
         sys.exit(f"{page}: measures {', '.join(unknown)}, of which changes.csv knows nothing")
@@ -212,7 +225,7 @@ def presets(page, _what):
     config = ROOT / "crates" / "train" / "src" / "config"
     options = (config / "options.rs").read_text(encoding="utf-8")
     text = re.search(r"^presets! \{\n(.*?)^\}", (config / "preset.rs").read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE).group(1)
-    pages = [(path, text_of, field(text_of, "Sets")) for path, text_of in notebook_pages()]
+    pages = [(path, text_of, field(text_of, "Sets")) for _, path, text_of in notebook_pages()]
     rows = []
     for name, values in re.findall(r"^    (\w+): +(.*);$", text, re.MULTILINE):
         flag = "--" + name.replace("_", "-")
@@ -226,11 +239,10 @@ def presets(page, _what):
 def title(text):
     """Returns the title of a page of the notebook in the table of contents."""
     heading = text.split("\n", 1)[0]
-    summary = (SOURCE / "SUMMARY.md").read_text(encoding="utf-8")
-    for name, link in re.findall(r"\[([^\]]+)\]\((notebook/[^)]+)\)", summary):
-        if (SOURCE / link).read_text(encoding="utf-8").startswith(heading + "\n"):
+    for name, link in re.findall(r"\[([^\]]+)\]\(([^)]+)\)", SUMMARY):
+        if (NOTEBOOK / link).read_text(encoding="utf-8").startswith(heading + "\n"):
             return name[0].lower() + name[1:] if name[1:2].islower() else name
-    sys.exit(f"{heading}: not in SUMMARY.md")
+    sys.exit(f"{heading}: not in the notebook's SUMMARY.md")
 
 
 def preset_value(cell, name, options):
