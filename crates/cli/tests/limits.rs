@@ -22,13 +22,13 @@ fn limits() -> Vec<Limit> {
 }
 
 /// Returns a place with what the page says that its commands find: a data set `my-images`, a run
-/// `run`, a radiance field `field`, an export `set.sog`, and a photograph `raw/IMG_0001.CR2`.
+/// `run`, a radiance field `field`, an export `set.html`, and a photograph `raw/IMG_0001.CR2`.
 fn place() -> Workplace {
     let place = Workplace::new();
     place.train("run", &[]);
     common::write_dataset(&place.path("my-images"));
     place.ok(&["train", "data", "-o", "field", "--method", "nerf-grid", "--iterations", "2", "--eval-at", "0", "--threads", "2"]);
-    place.ok(&["export", "run", "-o", "set.sog", "--refine", "0", "--threads", "2"]);
+    place.ok(&["export", "run", "-o", "set.html", "--threads", "2"]);
     std::fs::create_dir(place.path("raw")).unwrap();
     std::fs::write(place.path("raw/IMG_0001.CR2"), "not read").unwrap();
     place
