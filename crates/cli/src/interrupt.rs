@@ -24,7 +24,7 @@ static FIRST_SIGNAL: Mutex<Option<Instant>> = Mutex::new(None);
 /// Whether a job system asked for the end.
 static IS_PREEMPTED: AtomicBool = AtomicBool::new(false);
 
-/// The exit code that asks for requeueing; 0 for none.
+/// The exit code that asks for requeuing; 0 for none.
 static REQUEUE_CODE: AtomicU8 = AtomicU8::new(0);
 
 /// Time during which another SIGTERM is the same request.

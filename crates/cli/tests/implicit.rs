@@ -202,7 +202,7 @@ fn options_and_data_that_anchors_do_not_have_are_refused() {
     let place = Workplace::new();
     let refused = |more: &[&str], parts: &[&str]| ANCHORS.refused(&place, more, parts);
     refused(&["--sh-lr", "0.1"], &["--sh-lr", "--method lcd"]);
-    refused(&["--hold-out", "0.1"], &["--hold-out", "--method lcd"]);
+    refused(&["--validation-share", "0.1"], &["--validation-share", "--method lcd"]);
     refused(&["--refine-display", "5"], &["--refine-display", "--method lcd"]);
     refused(&["--antialias", "mip"], &["--antialias", "off or pixel"]);
     refused(&["--device", "gpu"], &["anchors are decoded and trained on the processor", "--device cpu"]);

@@ -279,8 +279,25 @@ fn the_end_of_input_stops_a_run_that_was_asked_to_listen() {
     assert!(!checkpoints(&place, "run").is_empty());
 }
 
+/// Until 0.1.0 the option `validation_share` was called `hold_out`.
 #[test]
-fn a_preempted_run_asks_for_requeueing_and_goes_on_to_the_bits_of_an_unbroken_one() {
+fn a_run_whose_option_had_another_name_goes_on() {
+    let place = Workplace::new();
+    place.train("run", &["--validation-share", "0.25"]);
+    let path = place.path("run/config.toml");
+    let config = std::fs::read_to_string(&path).unwrap();
+    assert!(config.contains("validation_share = 0.25"), "{config}");
+    std::fs::write(&path, config.replace("validation_share = ", "hold_out = ")).unwrap();
+    place.ok(&["train", "--resume", "-o", "run", "--iterations", "50"]);
+    place.ok(&["train", "--config", "run/config.toml", "data", "-o", "again", "--iterations", "10"]);
+    for run in ["run", "again"] {
+        let config = std::fs::read_to_string(place.path(run).join("config.toml")).unwrap();
+        assert!(config.contains("validation_share = 0.25") && !config.contains("hold_out"), "{config}");
+    }
+}
+
+#[test]
+fn a_preempted_run_asks_for_requeuing_and_goes_on_to_the_bits_of_an_unbroken_one() {
     let place = Workplace::new();
     place.ok(&train_args("unbroken"));
     let begin = [&train_args("run")[..], &["--requeue-code", "75"]].concat();

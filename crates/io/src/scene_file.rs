@@ -27,15 +27,15 @@ impl From<Scene> for SceneFile {
 /// Formats that scenes are read from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SceneFormat {
-    /// Polygon file format: exact, baked, plain or compressed.
+    /// Polygon file format, `.ply`: exact, baked, plain or compressed.
     Ply,
-    /// OpenUSD as text.
+    /// OpenUSD as text, `.usda`.
     Usda,
-    /// OpenUSD in its binary form, or a package of it.
+    /// OpenUSD in its binary form, `.usdc`, or a package of it, `.usdz`.
     UsdBinary,
-    /// glTF in one binary file.
+    /// glTF in one binary file, `.glb`.
     Glb,
-    /// SPZ of versions 2 to 4.
+    /// SPZ of versions 2 to 4, `.spz`.
     Spz,
 }
 

@@ -41,8 +41,9 @@ impl Lens {
     /// use glam::DAffine3;
     /// use luxel::lens::{Lens, LensKind};
     ///
-    /// let lens = Lens { kind: LensKind::Equirectangular, field_deg: None, size_px: Some([64, 32])
-    /// }; assert_eq!(lens.camera(DAffine3::IDENTITY)?.size_px, [64, 32]);
+    /// let lens =
+    ///     Lens { kind: LensKind::Equirectangular, field_deg: None, size_px: Some([64, 32]) };
+    /// assert_eq!(lens.camera(DAffine3::IDENTITY)?.size_px, [64, 32]);
     /// # Ok::<(), luxel::Error>(())
     /// ```
     ///

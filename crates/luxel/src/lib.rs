@@ -110,10 +110,10 @@ pub use training::{Progress, Training, TrainingBuilder};
 /// Version of this crate, which run folders and metrics note.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// The example of the README, compiled as a doc test.
+/// The examples of the guide's page on the library, compiled as doc tests.
 #[cfg(doctest)]
-#[doc = include_str!("../../../README.md")]
-struct ReadmeExample;
+#[doc = include_str!("../../../docs/src/guide/library.md")]
+struct GuideExamples;
 
 /// The example of the crate's README, compiled as a doc test.
 #[cfg(doctest)]

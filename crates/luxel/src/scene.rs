@@ -32,7 +32,8 @@ pub struct Scene(luxel_core::Scene);
 
 impl Scene {
     /// Reads a scene file, or the newest scene of a run folder. Formats are PLY of this program,
-    /// plain and compressed 3DGS PLY, USD text, GLB and SPZ, recognised by content.
+    /// plain and compressed 3DGS PLY, USD as text, binary or package, GLB and SPZ, recognised by
+    /// content.
     ///
     /// # Errors
     /// A file that cannot be read, is damaged, or is of a format or version that is not supported;

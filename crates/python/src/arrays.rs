@@ -66,8 +66,8 @@ where
 {
     let view = ArrayView::from_shape(shape, values).map_err(|error| invalid(error.to_string()))?;
     // SAFETY: `values` are in a vector behind the owner's `Arc`. They neither move nor change as
-    // long
-    // as the owner lives, which the array keeps alive, and nobody writes: the array is read-only.
+    // long as the owner lives, which the array keeps alive, and nobody writes: the array is
+    // read-only.
     let array = unsafe { PyArray::borrow_from_array(&view, owner) };
     array.getattr("flags")?.setattr("writeable", false)?;
     Ok(array)

@@ -93,8 +93,8 @@ impl TrainConfig {
         self
     }
 
-    /// Returns the colour model that `method` and the options beside it make up; LCD for methods
-    /// that train a field, which has no splats to give it to.
+    /// Returns the colour model selected by `method` and the degree options. Fields have none; LCD
+    /// is returned for them.
     pub fn color_model(&self) -> ColorModel {
         match self.sh_degree() {
             _ if self.method == Method::GaussHdrAnchors => ColorModel::LogSh { degree: 0 },
@@ -218,16 +218,16 @@ impl TrainConfig {
     /// Returns the number of splats to which [`Self::splat_limit`] may rise during training.
     pub fn most_splats(&self, train_px: u64) -> usize {
         let limit = self.splat_limit(train_px);
-        let rises = self.keeps_views_aside() && self.max_splats.is_none() && self.pixels_per_splat.is_some();
+        let rises = self.has_validation_views() && self.max_splats.is_none() && self.pixels_per_splat.is_some();
         if rises { limit.saturating_mul(MOST_RISE) } else { limit }
     }
 
-    /// Returns whether views are kept aside, if there are enough of them.
-    pub(crate) fn keeps_views_aside(&self) -> bool {
+    /// Returns whether there are validation views, if there are enough views.
+    pub(crate) fn has_validation_views(&self) -> bool {
         // Gains and poses of views that are not trained on would not be known.
         let are_views_alike = !self.refine_poses && !self.vignetting && self.exposure_compensation == ExposureCompensation::Off;
         let are_views_whole = self.batch == 1 && self.crop.is_none() && !self.method.has_own_steps();
-        self.hold_out > 0.0 && self.strategy == Strategy::Adc && !self.freezes_geometry() && are_views_alike && are_views_whole
+        self.validation_share > 0.0 && self.strategy == Strategy::Adc && !self.freezes_geometry() && are_views_alike && are_views_whole
     }
 }
 

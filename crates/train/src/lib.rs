@@ -16,7 +16,6 @@ pub mod densify;
 mod error;
 mod free_space;
 mod gains;
-mod holdout;
 mod init;
 mod lenses;
 mod neighbourhood;
@@ -35,6 +34,7 @@ mod state;
 #[cfg(test)]
 mod testing;
 mod trainer;
+mod validation_views;
 mod view_order;
 mod views;
 mod vignetting;

@@ -10,10 +10,10 @@ use crate::camera_response::CameraResponse;
 use crate::config::ExposureCompensation;
 use crate::crop::Crop;
 use crate::gains::Gains;
-use crate::holdout::Fit;
 use crate::peers::SharedNetworks;
 use crate::poses::{Corrections, Poses};
 use crate::recorded::is_recorded;
+use crate::validation_views::Fit;
 use crate::view_order::{Cursors, first_order};
 use crate::vignetting::{LensVignetting, Lenses, Vignettings};
 use crate::{TrainConfig, TrainError};
@@ -64,7 +64,7 @@ pub(crate) struct State {
     /// anywhere.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) clearances: Vec<f32>,
-    /// The lead of trained views over those kept aside so far; `None` if none are.
+    /// The lead of trained views over validation views so far; `None` if none are.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) fit: Option<Fit>,
     /// Order of the training views in their current epochs, part after part
@@ -121,14 +121,14 @@ impl State {
 
     /// Returns the indices of the next step's training views, one a slot of the batch. The order is
     /// shuffled, and each view comes once per epoch of its part.
-    pub(crate) fn next_views(&mut self, aside: &[usize]) -> Vec<usize> {
-        self.cursor.next_views(&mut self.order, &mut self.rng, aside)
+    pub(crate) fn next_views(&mut self, validation: &[usize]) -> Vec<usize> {
+        self.cursor.next_views(&mut self.order, &mut self.rng, validation)
     }
 
     /// Returns the view of `slot` that [`Self::next_views`] would return now. At the end of an
     /// epoch, random numbers drawn until then may still change it.
-    pub(crate) fn upcoming_view(&self, slot: usize, aside: &[usize]) -> usize {
-        self.cursor.upcoming_view(&self.order, &self.rng, slot, aside)
+    pub(crate) fn upcoming_view(&self, slot: usize, validation: &[usize]) -> usize {
+        self.cursor.upcoming_view(&self.order, &self.rng, slot, validation)
     }
 
     /// Returns the gain of training view `index`.

@@ -39,11 +39,11 @@ use self::batch::{rates_of_batch, scaled};
 use crate::average::Average;
 use crate::config::Strategy;
 use crate::gains::Gains;
-use crate::holdout::Aside;
 use crate::peers::{SharedLift, folded};
 use crate::poses::Poses;
 use crate::reduce::BatchMean;
 use crate::state::State;
+use crate::validation_views::ValidationView;
 use crate::views::TrainingViews;
 use crate::vignetting::Lenses;
 use crate::{Schedule, TrainConfig, TrainError};
@@ -69,8 +69,8 @@ pub struct Trainer {
     /// The lift that makes radiance of the splats' colours, if the method lifts them; its engine
     /// has it, too.
     lift: Option<SharedLift>,
-    /// The views kept aside while splats are added.
-    aside: Vec<Aside>,
+    /// The validation views while splats are added.
+    validation: Vec<ValidationView>,
     /// The connection to the other ranks of a distributed run.
     exchange: Box<dyn Exchange>,
     batch_mean: BatchMean,
@@ -181,7 +181,7 @@ impl Trainer {
     /// splat is left, or the error of the engine.
     pub fn step(&mut self) -> Result<StepReport, TrainError> {
         let step = self.state.iteration.saturating_add(1);
-        self.step_views = self.state.next_views(&self.aside_in(step));
+        self.step_views = self.state.next_views(&self.validation_in(step));
         let config = self.step_config(step);
         let views: Vec<SlotView> = self.step_views.iter().enumerate().map(|(slot, index)| SlotView { step, slot, index: *index }).collect();
         let reports = self.train_on(&views, &config)?;

@@ -35,9 +35,9 @@ impl Cursors {
         self.0.len()
     }
 
-    /// Returns the views of the next step, one a slot, and moves on past those of `aside`, which no
-    /// part may consist of.
-    pub(crate) fn next_views(&mut self, order: &mut [u32], rng: &mut Pcg64Mcg, aside: &[usize]) -> Vec<usize> {
+    /// Returns the views of the next step, one a slot, and moves on past those of `validation`, of
+    /// which no part may consist.
+    pub(crate) fn next_views(&mut self, order: &mut [u32], rng: &mut Pcg64Mcg, validation: &[usize]) -> Vec<usize> {
         let (count, batch) = (order.len(), self.batch());
         let next = |(slot, cursor): (usize, &mut usize)| {
             let part = &mut order[part(count, batch, slot)];
@@ -48,7 +48,7 @@ impl Cursors {
                 }
                 let view = part.get(*cursor).copied().unwrap_or(0) as usize;
                 *cursor += 1;
-                if !aside.contains(&view) {
+                if !validation.contains(&view) {
                     return view;
                 }
             }
@@ -58,10 +58,10 @@ impl Cursors {
 
     /// Returns the view of `slot` that [`Self::next_views`] would return now. At the end of an
     /// epoch, random numbers drawn until then may still change it.
-    pub(crate) fn upcoming_view(&self, order: &[u32], rng: &Pcg64Mcg, slot: usize, aside: &[usize]) -> usize {
+    pub(crate) fn upcoming_view(&self, order: &[u32], rng: &Pcg64Mcg, slot: usize, validation: &[usize]) -> usize {
         let part = &order[part(order.len(), self.batch(), slot)];
         let left = self.0.get(slot).and_then(|cursor| part.get(*cursor..)).unwrap_or_default();
-        let first = |views: &[u32]| views.iter().find(|view| !aside.contains(&(**view as usize))).copied();
+        let first = |views: &[u32]| views.iter().find(|view| !validation.contains(&(**view as usize))).copied();
         let view = first(left).or_else(|| {
             let (mut part, mut rng) = (part.to_vec(), rng.clone());
             part.shuffle(&mut rng);
@@ -108,18 +108,18 @@ mod tests {
     }
 
     #[test]
-    fn views_aside_come_only_without_any_aside() {
+    fn validation_views_come_in_no_step() {
         let (mut order, mut cursors) = first_order(13, 1);
         let mut rng = Pcg64Mcg::seed_from_u64(2);
-        let aside = [3, 9];
+        let validation = [3, 9];
         let mut seen = [0; 13];
         for _ in 0..66 {
-            let upcoming = cursors.upcoming_view(&order, &rng, 0, &aside);
-            let views = cursors.next_views(&mut order, &mut rng, &aside);
+            let upcoming = cursors.upcoming_view(&order, &rng, 0, &validation);
+            let views = cursors.next_views(&mut order, &mut rng, &validation);
             assert_eq!(views, [upcoming]);
             seen[upcoming] += 1;
         }
-        assert!(seen.iter().enumerate().all(|(view, times)| *times == if aside.contains(&view) { 0 } else { 6 }), "{seen:?}");
+        assert!(seen.iter().enumerate().all(|(view, times)| *times == if validation.contains(&view) { 0 } else { 6 }), "{seen:?}");
         let all: std::collections::BTreeSet<usize> = (0..26).flat_map(|_| cursors.next_views(&mut order, &mut rng, &[])).collect();
         assert_eq!(all.len(), 13);
     }

@@ -43,8 +43,8 @@ struct LiveState {
 }
 
 impl<'a> Live<'a> {
-    /// Returns the viewer of a run called `name`, whose events go to `next`; the page can set
-    /// `stop`.
+    /// Creates a viewer for the training run `name`. Events are forwarded to `next`; the page's
+    /// Stop button sets `stop`.
     pub fn new(viewer: Viewer, name: impl Into<String>, stop: &'a StopFlag, next: &'a dyn Observer) -> Self {
         let state = LiveState { viewer: Some(viewer), house: None, last: LastPicture::default(), told_at: Instant::now() };
         Self { name: name.into(), stop, next, cd_m2_per_unit: None, state: Mutex::new(state) }

@@ -146,9 +146,6 @@ mod tests {
 
     use super::*;
 
-    /// Options that other changes bring.
-    const COMING: [&str; 2] = ["path", "delete"];
-
     #[test]
     fn the_short_help_of_every_command_is_short_and_has_an_example() {
         let mut command = command();
@@ -158,7 +155,7 @@ mod tests {
             let listed = SHORT.iter().find(|short| short.command == name);
             for option in listed.unwrap_or_else(|| panic!("{name} has no short help")).options {
                 let is_there = subcommand.get_arguments().any(|arg| arg.get_long() == Some(option));
-                assert!(is_there || COMING.contains(option), "{name} has no --{option}");
+                assert!(is_there, "{name} has no --{option}");
             }
             let (short, long) = (subcommand.render_help().to_string(), subcommand.render_long_help().to_string());
             let is_shown = |arg: &&Arg| !arg.is_positional() && !arg.is_hide_set() && !arg.is_hide_short_help_set();

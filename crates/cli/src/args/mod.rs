@@ -43,7 +43,7 @@ pub(crate) use self::probe::ProbeArgs;
 pub(crate) use self::render::RenderArgs;
 pub(crate) use self::reproduce::ReproduceArgs;
 pub(crate) use self::shared::{ConsoleArgs, DeviceArgs, LoadArgs, MetricsArgs, RunArgs, SceneDataArgs};
-use self::train_options::TrainOptions;
+use self::train_options::{FirstTrainOptions, TrainOptions};
 use self::values::parse_positive;
 #[cfg(feature = "view")]
 pub(crate) use self::view::ViewArgs;
@@ -184,7 +184,8 @@ pub(crate) enum Command {
     Edit(Box<EditArgs>),
     /// Add the light of scenes that have the same geometry: lamps on and off, key and fill.
     Mix(MixArgs),
-    /// Write a scene for other programs: PLY, USD, glTF, SPZ; as radiance or as a display bake.
+    /// Write a scene for other programs, as radiance or as a display bake: PLY, USD, glTF, SPZ, SOG
+    /// or a web page.
     Export(Box<ExportArgs>),
     /// Render the light that arrives at a point of the scene as an environment map.
     Probe(Box<ProbeArgs>),
@@ -195,7 +196,7 @@ pub(crate) enum Command {
     View(Box<ViewArgs>),
     /// Describe a scene, run, checkpoint, data set or image, or list the devices.
     Info(InfoArgs),
-    /// Look at this machine: GPUs, memory, COLMAP, ffmpeg; what each is for and how to get it.
+    /// Check this machine for GPUs, memory, COLMAP and FFmpeg, and say how to get what is missing.
     Doctor(DoctorArgs),
     /// Measure the time of rendering and of training steps on a scene, pass by pass.
     Bench(Box<BenchArgs>),
@@ -218,8 +219,8 @@ pub(crate) enum Command {
     after_help = "Ctrl-C and SIGTERM save the state and exit with code 130, or SIGTERM with that of --requeue-code; --resume continues from there, bit for bit."
 )]
 pub(crate) struct TrainArgs {
-    /// Folder of the data set: transforms.json, COLMAP's sparse/0, or the layouts of HDR-NeRF,
-    /// HDR-GS and GaussHDR. Optional with --resume and --config, which name one.
+    /// Folder of the data set, in any of the layouts that --format lists. Optional with --resume
+    /// and --config, which name one.
     #[arg(required_unless_present_any = ["resume", "config"])]
     pub(crate) dataset: Option<PathBuf>,
     /// Folder of the run.
@@ -228,16 +229,21 @@ pub(crate) struct TrainArgs {
     /// Take settings from a run's config.toml; options given here take precedence.
     #[arg(long, value_name = "FILE", conflicts_with = "resume")]
     pub(crate) config: Option<PathBuf>,
-    /// Start from the splats of a run's newest scene or of a scene file, in place of new ones; with
-    /// --freeze geometry only their colours are trained, for other light on the same geometry.
-    #[arg(long, value_name = "RUN|SCENE.ply", conflicts_with = "resume", help_heading = "Splats")]
-    pub(crate) from: Option<PathBuf>,
     /// Delete the run in the output folder and start anew.
     #[arg(long, conflicts_with = "resume")]
     pub(crate) overwrite: bool,
     /// Continue the run in the output folder from its newest readable checkpoint.
     #[arg(long)]
     pub(crate) resume: bool,
+    /// The options of training that come first in the help.
+    #[command(flatten)]
+    pub(crate) first: FirstTrainOptions,
+    /// Reading the data set.
+    #[command(flatten)]
+    pub(crate) load: LoadArgs,
+    /// Saving and evaluating.
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
     /// Stop as at Ctrl-C when standard input ends, for programs that start this one and hold its
     /// input open.
     #[arg(long, help_heading = "Run")]
@@ -261,18 +267,16 @@ pub(crate) struct TrainArgs {
     /// Terminal output.
     #[command(flatten)]
     pub(crate) console: ConsoleArgs,
-    /// Reading the data set.
-    #[command(flatten)]
-    pub(crate) load: LoadArgs,
     /// Device.
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
-    /// Saving and evaluating.
-    #[command(flatten)]
-    pub(crate) run: RunArgs,
     /// The method.
     #[command(flatten)]
     pub(crate) train: TrainOptions,
+    /// Start from the splats of a run's newest scene or of a scene file, in place of new ones; with
+    /// --freeze geometry only their colours are trained, for other light on the same geometry.
+    #[arg(long, value_name = "RUN|SCENE.ply", conflicts_with = "resume", help_heading = "Splats")]
+    pub(crate) from: Option<PathBuf>,
 }
 
 /// How processes that train together exchange data.

@@ -55,8 +55,8 @@ pub(crate) struct RenderArgs {
     /// [default: 90, 180 for a fisheye, 360 for a panorama].
     #[arg(long, value_name = "DEGREES", value_parser = parse_positive, requires = "projection", help_heading = "Cameras")]
     pub(crate) fov: Option<f32>,
-    /// Render one image from this point of the world, x,y,z, with --projection. It is level and
-    /// looks as the middle of a map of luxel probe does.
+    /// Render one image from this point of the world, x,y,z, with --projection. The camera is level
+    /// and faces the centre of the map that luxel probe makes there.
     #[arg(
         long,
         value_name = "X,Y,Z",
@@ -67,20 +67,19 @@ pub(crate) struct RenderArgs {
         help_heading = "Cameras"
     )]
     pub(crate) at: Option<[f64; 3]>,
-    /// Render pairs for two eyes this far apart, NAME_left and NAME_right. The unit is that of the
-    /// data set's coordinates: metres if they are.
-    #[arg(long, value_name = "METRES", value_parser = parse_positive, help_heading = "Cameras")]
+    /// Render pairs for two eyes this far apart in world units: NAME_left and NAME_right.
+    #[arg(long, value_name = "DISTANCE", value_parser = parse_positive, help_heading = "Cameras")]
     pub(crate) stereo: Option<f32>,
     /// Size of the images, pixels: 1920x1080. The field of view stays in one direction and is
     /// cropped in the other [default: that of the cameras].
     #[arg(long, value_name = "WxH", value_parser = parse_size, help_heading = "Cameras")]
     pub(crate) size: Option<[u32; 2]>,
-    /// Render frames A to B of the list only, counted from 0, both included: 0-99. With --path, the
-    /// number of frames [default: 120]. A pair of --stereo is one frame.
+    /// Render frames A to B only, counted from 0, both included: 0-99. With --path, the number of
+    /// frames [default: 120]. A pair of --stereo is one frame.
     #[arg(long, value_name = "A-B|N", value_parser = parse_frames, help_heading = "Cameras")]
     pub(crate) frames: Option<Frames>,
-    /// Render every N-th of those only, starting with the I-th, counted from 0: 0/4, 1/4, 2/4 and
-    /// 3/4 together are all.
+    /// Render every N-th frame only, starting with frame I, counted from 0. For example, 0/4, 1/4,
+    /// 2/4 and 3/4 together render all frames.
     #[arg(long, value_name = "I/N", value_parser = parse_shard, help_heading = "Cameras")]
     pub(crate) shard: Option<Shard>,
     /// Supersampling: samples along each side of a pixel, 1 to 4 [default: the scene's; 1 with

@@ -14,9 +14,39 @@ pub(crate) struct TrainOptions {
     pub(crate) config: TrainConfig,
 }
 
+/// Heading of the options that every run has.
+const FIRST: &str = "Training";
+
+/// Arguments of the options that every run has, which a command lists before its own;
+/// [`TrainOptions`] adds the others and has the values of all.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FirstTrainOptions;
+
+impl Args for FirstTrainOptions {
+    fn augment_args(command: Command) -> Command {
+        OPTIONS.iter().filter(|option| option.heading == FIRST).map(arg).fold(command, Command::arg)
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl FromArgMatches for FirstTrainOptions {
+    fn from_arg_matches(_: &ArgMatches) -> Result<Self, clap::Error> {
+        Ok(Self)
+    }
+
+    fn update_from_arg_matches(&mut self, _: &ArgMatches) -> Result<(), clap::Error> {
+        Ok(())
+    }
+}
+
 impl Args for TrainOptions {
     fn augment_args(command: Command) -> Command {
-        OPTIONS.iter().map(arg).fold(command, Command::arg)
+        let is_there = |command: &Command, name: &str| command.get_arguments().any(|arg| arg.get_id().as_str() == name);
+        let add = |command, option: &'static OptionSpec| if is_there(&command, option.name) { command } else { command.arg(arg(option)) };
+        OPTIONS.iter().fold(command, add)
     }
 
     fn augment_args_for_update(command: Command) -> Command {
@@ -80,17 +110,18 @@ fn possible_value(value: ValueHelp) -> PossibleValue {
     if value.help.is_empty() { named } else { named.help(with_flags(value.help)) }
 }
 
-/// Returns the help: what the option does, the choices that it depends on, the range, and the
-/// default in words where it has no value.
+/// Returns the help: a sentence on what the option does, then in brackets the choices that it
+/// depends on, the range, and the default in words where it has no value.
 fn help(option: &OptionSpec) -> String {
     let mut help = with_flags(option.help());
     if !option.conditions.is_empty() {
         let choice = |(option, value): (&str, &str)| format!("{} {value}", flag(option)).trim_end().to_owned();
         let choices: Vec<_> = option.conditions.iter().map(|c| choice((c.option(), c.value()))).collect();
-        help += &format!(" (with {} only)", choices.join(" and "));
+        help += &format!(" [only with: {}]", choices.join(" and "));
     }
-    if option.range != Range::Any {
-        help += &format!(", {}", option.range);
+    // A range of several parts stands in the text.
+    if option.range != Range::Any && !help.contains("[range: ") {
+        help += &format!(" [range: {}]", option.range);
     }
     if let Some(note) = option.default_note {
         help += &format!(" [default: {}]", with_flags(note));
@@ -111,14 +142,12 @@ mod tests {
     #[test]
     fn helps_name_flags_ranges_and_conditions() {
         let help_of = |name| help(OptionSpec::find(name).unwrap());
-        assert!(help_of("radiance_scale").ends_with("overrides --scale-rule, above 0"), "{}", help_of("radiance_scale"));
-        assert!(help_of("turnover").ends_with("(with --strategy adc only), 0 to 1"), "{}", help_of("turnover"));
-        assert!(
-            help_of("chroma_degree").contains(
-                "(with --method lcd only), 0 to 5 [default: 3; 1 for developed photographs where --luminance-degree is unset, too"
-            )
-        );
-        assert!(help_of("absgrad_threshold").contains("(with --strategy adc and --absgrad only)"));
+        assert!(help_of("radiance_scale").ends_with("overrides --scale-rule [range: above 0]"), "{}", help_of("radiance_scale"));
+        assert!(help_of("turnover").ends_with("[only with: --strategy adc] [range: 0 to 1]"), "{}", help_of("turnover"));
+        assert!(help_of("chroma_degree").contains(
+            "[only with: --method lcd] [range: 0 to 5] [default: 3; 1 for developed photographs where --luminance-degree is unset, too"
+        ));
+        assert!(help_of("absgrad_threshold").contains("[only with: --strategy adc and --absgrad]"));
     }
 
     #[test]

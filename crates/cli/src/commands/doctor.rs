@@ -100,17 +100,29 @@ fn describe_program(program: &Program) -> Tree {
 fn describe_pycolmap() -> Tree {
     let mut facts = Tree::default();
     facts.set("needed_for", "luxel prepare: poses, where there is no colmap");
-    let script = "import pycolmap; print(pycolmap.__version__, pycolmap.__file__)";
-    let said = ["python3", "python"].into_iter().find_map(|name| {
-        let said = output_of(&programs::find(Path::new(name))?, &["-c", script])?;
-        let (version, file) = said.trim().split_once(' ')?;
-        Some([version.to_owned(), file.to_owned()])
-    });
-    match said {
-        Some([version, file]) => facts.set("found", file).set("version", version),
+    let script = "import pycolmap; print('pycolmap', pycolmap.__version__, pycolmap.__file__)";
+    let printed = |name| output_of(&programs::find(Path::new(name))?, &["-c", script]);
+    let package = ["python3", "python"].into_iter().find_map(|name| PythonPackage::from_output(&printed(name)?));
+    match package {
+        Some(PythonPackage { version, file }) => facts.set("found", file).set("version", version),
         None => facts.set("found", "no").set("install", "pip install pycolmap"),
     };
     facts
+}
+
+/// The Python package pycolmap, as it names itself.
+#[derive(Debug, PartialEq)]
+struct PythonPackage {
+    version: String,
+    file: String,
+}
+
+impl PythonPackage {
+    /// Reads the line "pycolmap VERSION FILE"; `None` if there is none, but an error of Python.
+    fn from_output(printed: &str) -> Option<Self> {
+        let (version, file) = printed.lines().find_map(|line| line.strip_prefix("pycolmap ")?.split_once(' '))?;
+        Some(Self { version: version.to_owned(), file: file.trim().to_owned() })
+    }
 }
 
 /// Returns what a program prints on both outputs; `None` where it cannot be started or takes long.
@@ -136,4 +148,17 @@ fn temporary_folder() -> Tree {
         facts.set("remedy", "set the environment variable TMPDIR (Windows: TEMP) to a folder that can be written");
     }
     facts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_package_is_found_by_its_own_line_and_not_by_an_error_of_python() {
+        let error = "Traceback (most recent call last):\n  File \"<string>\", line 1, in <module>\nModuleNotFoundError: No module named 'pycolmap'\n";
+        assert_eq!(PythonPackage::from_output(error), None);
+        let package = PythonPackage { version: "4.2.0".to_owned(), file: "/usr/lib/pycolmap/__init__.py".to_owned() };
+        assert_eq!(PythonPackage::from_output("a warning\npycolmap 4.2.0 /usr/lib/pycolmap/__init__.py\n"), Some(package));
+    }
 }

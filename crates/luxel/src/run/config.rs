@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use luxel_core::RadianceScale;
 use luxel_io::{ImageMemory, LoadOptions};
-use luxel_train::{FieldNetworkChoice, NamedChoice, Preset, TrainConfig};
+use luxel_train::{FieldNetworkChoice, NamedChoice, OptionSpec, Preset, TrainConfig};
 use serde::{Deserialize, Serialize};
 
 use super::{ExplicitArgs, PlotLog};
@@ -219,7 +219,9 @@ impl RunConfig {
     /// Text that is not a configuration of this version.
     pub fn parse(content: &str) -> Result<Self> {
         let (config, table) = (toml::from_str::<Self>(content)?, toml::from_str::<toml::Table>(content)?);
-        Ok(Self { train: config.train.with_preset(|id| value(&table, TRAIN, id).is_some()), ..config })
+        let old_name = |id: &str| OptionSpec::find(id).and_then(|option| option.old_name);
+        let is_given = |id: &str| [Some(id), old_name(id)].into_iter().flatten().any(|name| value(&table, TRAIN, name).is_some());
+        Ok(Self { train: config.train.with_preset(is_given), ..config })
     }
 
     /// Writes a config.toml, whole or not at all.

@@ -60,7 +60,7 @@ const GEOMETRY_OPTIONS: &[&str] = &[
     "strategy",
     "max_splats",
     "pixels_per_splat",
-    "hold_out",
+    "validation_share",
     "turnover",
     "dropout",
     "clearance",
@@ -215,7 +215,7 @@ impl RunConfig {
             options: vec!["cutoffs"],
         };
         let train = &self.train;
-        let aside = [
+        let validation = [
             ("batch", "1", train.batch == 1),
             ("crop", Choice::LEFT_OUT, train.crop.is_none()),
             ("refine_poses", Choice::LEFT_OUT, !train.refine_poses),
@@ -223,9 +223,13 @@ impl RunConfig {
             ("exposure_compensation", "off", train.exposure_compensation == ExposureCompensation::Off),
             ("supervision", "hdr", self.load.supervision == Supervision::Hdr),
         ];
-        let aside = aside.map(|(option, value, is_made)| Group { choice: Choice { option, value }, is_made, options: vec!["hold_out"] });
+        let validation = validation.map(|(option, value, is_made)| Group {
+            choice: Choice { option, value },
+            is_made,
+            options: vec!["validation_share"],
+        });
         let by_condition = Condition::ALL.into_iter().map(|condition| self.group(condition));
-        [splats, unit_exposure].into_iter().chain(by_condition).chain([frozen, from, cutoffs]).chain(aside).collect()
+        [splats, unit_exposure].into_iter().chain(by_condition).chain([frozen, from, cutoffs]).chain(validation).collect()
     }
 
     fn group(&self, condition: Condition) -> Group {

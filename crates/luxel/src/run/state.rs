@@ -168,7 +168,7 @@ pub fn vignetting(folder: &RunFolder, config: &RunConfig, dataset: &Dataset, ite
 fn snapshot_of(folder: &RunFolder, iteration: u32, what: &str) -> Result<(PathBuf, Snapshot)> {
     let states = luxel_io::list_checkpoints(folder.root())?;
     let Some(file) = states.iter().find(|file| file.iteration == u64::from(iteration)) else {
-        let message = format!("{}: neither captures.json nor a checkpoint has {what} of step {iteration}", folder.root().display());
+        let message = format!("{}: {what} of step {iteration} not found in captures.json or any checkpoint", folder.root().display());
         return Err(Error::new(message).with_remedy(continue_run()));
     };
     Ok((file.path.clone(), luxel_io::read_checkpoint(&file.path)?))

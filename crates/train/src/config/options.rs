@@ -5,6 +5,7 @@
 //! option, add a row here and use the field; if presets differ in it, add a row to the table of
 //! [`super::preset`], too. The doc comment is the help: one sentence on what the option does,
 //! without a full stop; names of options stand in backticks. Range and default are added to it.
+//! `was` is a name that configurations and checkpoints of earlier programs have.
 
 use luxel_core::engine::MomentFormat;
 use luxel_core::{Activation, Antialias, MAX_SAMPLES};
@@ -23,7 +24,7 @@ macro_rules! options {
     ($($heading:literal {
         $($(#[doc = $help:literal])+
         $name:ident: $type:ty = $default:expr, $value_name:literal, $range:expr
-            $(, unset: $note:literal)? $(, needs: [$($condition:ident),+])?;)+
+            $(, unset: $note:literal)? $(, needs: [$($condition:ident),+])? $(, was: $old_name:literal)?;)+
     })+) => {
         /// Options of training. Each has a row in [`OPTIONS`].
         ///
@@ -37,7 +38,7 @@ macro_rules! options {
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
         #[serde(deny_unknown_fields, default)]
         pub struct TrainConfig {
-            $($($(#[doc = $help])+ pub $name: $type,)+)+
+            $($($(#[doc = $help])+ $(#[serde(alias = $old_name)])? pub $name: $type,)+)+
         }
 
         impl TrainConfig {
@@ -55,6 +56,7 @@ macro_rules! options {
                 value_name: $value_name,
                 range: $range,
                 default_note: options!(@note $($note)?),
+                old_name: options!(@note $($old_name)?),
                 conditions: &[$($(Condition::$condition),+)?],
                 help: concat!($($help),+),
                 access: Access {
@@ -98,12 +100,11 @@ options! {
         /// images that are too large for a step
         crop: Option<u32> = None, "PX", Range::AtLeast(64), unset: "whole views";
         /// Fraction of the steps, at the end and after densification, over which the parameters are
-        /// averaged to the final scene; 0 turns it off
+        /// averaged to the final scene; 0 disables it
         average_share: f32 = 0.15, "FRACTION", Range::ShareBelowOne;
-        /// Fraction of the splats that a step leaves out at random, so that training views are not
-        /// fitted by splats that other views contradict; it rises from 0 at the first step to this
-        /// at the last, or to as much as twice this where views kept aside (`hold_out`) are much
-        /// worse than others
+        /// Fraction of the splats that a step leaves out at random, against overfitting; it rises
+        /// from 0 at the first step to this at the last, and up to twice this where validation
+        /// views (`validation_share`) are much worse than other training views
         dropout: f32 = 0.2, "FRACTION", Range::ShareBelowOne;
     }
     "Colour model" {
@@ -135,7 +136,7 @@ options! {
         /// Fraction of L1 that is replaced by d^2 / 0.06, where d is a pixel's difference under the
         /// mu-law, so that large errors count more
         squared_share: f32 = 0.5, "FRACTION", Range::Share;
-        /// Values of a pixel whose squared difference a radiance field minimises
+        /// Quantity whose squared error a radiance field minimises
         field_loss: Option<FieldLoss> = None, "FIELD_LOSS", Range::Any, unset: "mulaw", needs: [NerfGrid];
         /// Network of a radiance field: grid, a hash grid with small networks, or a deep network
         /// without a grid as LAYERSxUNITS; the published 8x256 takes days
@@ -168,8 +169,8 @@ options! {
         /// Optimise gains of the training images with the scene, for exposure or white balance that
         /// drifts; their mean over the images stays 1
         exposure_compensation: ExposureCompensation = ExposureCompensation::Off, "EXPOSURE_COMPENSATION", Range::Any;
-        /// Optimise the vignetting of each lens with the scene, which is without it; the mean of
-        /// its logarithm over the frame stays 0
+        /// Optimise the vignetting of each lens with the scene, and remove it from the scene; the
+        /// mean of its logarithm over the frame stays 0
         vignetting: bool = false, "", Range::Any;
         /// Weight pixels by their noise: auto (as the data set states it), off, or READ,SHOT for a
         /// variance of READ^2 + SHOT p at radiance p of the images as they are read
@@ -179,8 +180,8 @@ options! {
         unit_exposure: f32 = 0.5, "VALUE", Range::Between, needs: [CapturedImages];
     }
     "Poses" {
-        /// Optimise the camera poses of the training images with the scene; what all corrections
-        /// have in common is removed, so that the scene keeps its place and scale
+        /// Optimise the camera poses of the training images with the scene; the common part of all
+        /// corrections is removed, so that the scene keeps its place and scale
         refine_poses: bool = false, "", Range::Any;
         /// Optimise the focal length with the poses: one factor for all images with the same lens
         refine_focal: bool = false, "", Range::Any, needs: [RefinePoses];
@@ -207,9 +208,9 @@ options! {
         freeze: Freeze = Freeze::None, "PART", Range::Any;
         /// Number of initial splats where the data set has no points
         init_points: u32 = 100_000, "N", Range::AtLeast(1);
-        /// Largest number of initial splats that stereo between the training views finds, beside
-        /// the points of the data set, and no more than half of the limit on splats or, without
-        /// points, of `init_points`; 0 turns it off
+        /// Largest number of initial splats from stereo between the training views, in addition to
+        /// the points of the data set; at most half of the limit on splats or, without points, of
+        /// `init_points`; 0 disables it
         stereo_points: Option<u32> = None, "N", Range::Any, unset: "20000; 0 where a data set with points has fewer than 8 training views";
         /// Initial opacity
         init_opacity: Option<f32> = None, "OPACITY", Range::Between, unset: "0.1 for adc, 0.5 for mcmc";
@@ -221,12 +222,12 @@ options! {
         /// Largest number of splats
         max_splats: Option<u32> = None, "N", Range::AtLeast(1), unset: "by `pixels_per_splat`; without that none for adc, 100000 for mcmc";
         /// Limit the number of splats to the pixels of all training images divided by this number,
-        /// but to no fewer than 40000; with `hold_out`, four times as many where the scene needs
-        /// them; `max_splats` takes precedence
+        /// but not below 40000; with `validation_share` the limit rises up to fourfold where the
+        /// scene needs it; `max_splats` overrides this
         pixels_per_splat: Option<u32> = Some(72), "PIXELS", Range::AtLeast(1);
-        /// Fraction of the training views, of 12 or more, that are kept aside while splats are
-        /// added and tell how many the scene needs; later all views are trained on; 0 turns it off
-        hold_out: f32 = 0.1, "FRACTION", Range::ShareBelowOne, needs: [Adc];
+        /// Fraction of the training views, of 12 or more, that are validation views: not trained on
+        /// while splats are added, they tell how many the scene needs; 0 disables it
+        validation_share: f32 = 0.1, "FRACTION", Range::ShareBelowOne, needs: [Adc], was: "hold_out";
         /// Fraction of the largest number of splats that a round may relocate once that number is
         /// reached
         turnover: f32 = 0.1, "FRACTION", Range::Share, needs: [Adc];
@@ -248,19 +249,19 @@ options! {
         /// Opacity below which a splat is pruned (adc) or relocated (mcmc)
         prune_opacity: f32 = 0.005, "OPACITY", Range::Share;
         /// Scale, as a fraction of the scene's extent, above which splats are pruned after the
-        /// first opacity reset; 0 turns it off
+        /// first opacity reset; 0 disables it
         prune_scale: f32 = 0.0, "FRACTION", Range::AtLeast(0), needs: [Adc];
-        /// Length over width above which splats are shortened, every 100 steps and at the end; 0
-        /// turns it off, else at least 1
+        /// Largest ratio of a splat's length to its width, above which it is shortened, every 100
+        /// steps and at the end; 0 disables it [range: 0, or 1 and above]
         max_aspect: f32 = 0.0, "RATIO", Range::AtLeast(0);
         /// Prune, after densification, the splats that contribute least to the training views and
-        /// together make up this fraction of the images; 0 turns it off
+        /// together make up this fraction of the images; 0 disables it
         prune_unseen: f32 = 0.0, "FRACTION", Range::Share, needs: [Adc];
         /// Prune splats that a camera sees nearer than this fraction of the distance of its nearest
-        /// initial splats; 0 turns it off
+        /// initial splats; 0 disables it
         clearance: f32 = 0.4, "FRACTION", Range::ShareBelowOne;
         /// Number of steps between two resets of all opacities to at most 0.01 during
-        /// densification, with `batch` of views; 0 turns them off
+        /// densification, with `batch` of views; 0 disables them
         opacity_reset_interval: u32 = 3000, "N", Range::Any, needs: [Adc];
         /// Growth of the number of splats per round
         mcmc_growth: f32 = 0.05, "FRACTION", Range::Share, needs: [Mcmc];

@@ -45,7 +45,7 @@ presets! {
     /// test views get worse.
     pixels_per_splat:        None,                        Some(72),                    Some(72);
     /// Paper: 0, because all images are trained on, and there is no bound.
-    hold_out:                0.0,                         0.1,                         0.1;
+    validation_share:        0.0,                         0.1,                         0.1;
     /// Paper: 0, because splats start at the points of the data set. Full and fast: splats start in
     /// the right places, too, where texture repeats and where the data set has no points.
     stereo_points:           Some(0),                     None,                        None;

@@ -35,6 +35,8 @@ pub struct OptionSpec {
     /// Default in words, if the option is unset by default and its effective value follows from
     /// something else.
     pub default_note: Option<&'static str>,
+    /// Name that configurations of earlier programs have, which are still read.
+    pub old_name: Option<&'static str>,
     /// Conditions under which the option has an effect; all have to hold.
     pub conditions: &'static [Condition],
     pub(super) help: &'static str,

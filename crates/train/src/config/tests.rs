@@ -64,7 +64,7 @@ fn every_option_changes_the_configuration() {
         &["--field-network", "8x256"],
         &["--average-share", "0"],
         &["--dropout", "0.1"],
-        &["--hold-out", "0.2"],
+        &["--validation-share", "0.2"],
         &["--moments", "bf16"],
         &["--clearance", "0.1"],
         &["--batch", "2"],

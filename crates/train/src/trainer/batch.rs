@@ -147,7 +147,7 @@ impl Trainer {
         let next = if step == of.step {
             self.step_views.get(slot).copied()
         } else {
-            Some(self.state.upcoming_view(slot, &self.aside_in(of.step.saturating_add(1))))
+            Some(self.state.upcoming_view(slot, &self.validation_in(of.step.saturating_add(1))))
         };
         let Self { views, state, .. } = self;
         // Looked at first, so that the reader works while the engine does. An error comes again.

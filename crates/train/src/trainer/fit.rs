@@ -1,25 +1,25 @@
 //! The number of splats that there is room for, and the share that a step leaves out, which follow
 //! the scene.
 //!
-//! In: the scene while splats are added, the views kept aside ([`crate::holdout`]). Out: the
-//! largest number of splats of a round, and a factor of dropout. The number begins at the limit of
-//! the configuration. When the scene fills it, it rises while the views kept aside are nearly as
+//! In: the scene while splats are added, the validation views ([`crate::validation_views`]). Out:
+//! the largest number of splats of a round, and a factor of dropout. The number begins at the limit
+//! of the configuration. When the scene fills it, it rises while the validation views are nearly as
 //! good as their neighbours that are trained on: there is detail that more splats represent for
 //! every view. Where they lag behind, more splats only overfit. Where they lag far behind, single
 //! splats explain single views, and a larger share is left out once no more are added. Degenerate:
-//! a limit that the user gives stays as it is; without views aside, nothing changes.
+//! a limit that the user gives stays as it is; without validation views, nothing changes.
 
 use luxel_core::Image;
 use luxel_metrics::psnr_scene;
 
 use super::Trainer;
 use crate::TrainError;
-use crate::holdout::{Aside, Fit};
+use crate::validation_views::{Fit, ValidationView};
 
-/// Largest lead of views that are trained on over views kept aside at which the limit rises, dB.
+/// Largest lead of views that are trained on over validation views at which the limit rises, dB.
 const MOST_LEAD_DB: f64 = 1.0;
 
-/// Views kept aside that a round looks at, in turn: one alone may be harder than the others.
+/// Validation views that a round looks at, in turn: one alone may be harder than the others.
 const VIEWS_A_ROUND: usize = 2;
 
 /// Fraction of the limit by which a round raises it: splats that come late have few steps.
@@ -55,9 +55,9 @@ impl Fit {
 
 impl Trainer {
     /// Returns the indices of the views that `step` does not train on.
-    pub(super) fn aside_in(&self, step: u32) -> Vec<usize> {
+    pub(super) fn validation_in(&self, step: u32) -> Vec<usize> {
         let is_adding = self.schedule.is_densifying(step);
-        self.aside.iter().filter(|_| is_adding).map(|aside| aside.view).collect()
+        self.validation.iter().filter(|_| is_adding).map(|view| view.index).collect()
     }
 
     /// Returns the share of the splats that `step` leaves out, if any.
@@ -73,28 +73,28 @@ impl Trainer {
         let (limit, most) = (self.state.config.splat_limit(train_px), self.state.config.most_splats(train_px));
         let room = self.state.fit.map_or(limit, |fit| fit.room as usize);
         let round = (step / self.schedule.densify_interval.max(1)) as usize;
-        let in_turn = self.aside.iter().cycle().skip(VIEWS_A_ROUND * round % self.aside.len().max(1));
-        let aside: Vec<Aside> = in_turn.take(VIEWS_A_ROUND.min(self.aside.len())).cloned().collect();
+        let in_turn = self.validation.iter().cycle().skip(VIEWS_A_ROUND * round % self.validation.len().max(1));
+        let views: Vec<ValidationView> = in_turn.take(VIEWS_A_ROUND.min(self.validation.len())).cloned().collect();
         // Reduced images have few pixels for the splats there are, so views lag behind that do not
         // later.
-        if aside.is_empty() || self.schedule.is_recovering(step) || self.views.factor(step) > 1 {
+        if views.is_empty() || self.schedule.is_recovering(step) || self.views.factor(step) > 1 {
             return Ok(room);
         }
-        let Some(lead_db) = self.shared_lead_db(step, &aside)? else { return Ok(room) };
+        let Some(lead_db) = self.shared_lead_db(step, &views)? else { return Ok(room) };
         let before = self.state.fit.unwrap_or(Fit { room: u32::try_from(limit).unwrap_or(u32::MAX), lead_db });
         let after = before.after(lead_db, self.engine.len(), most);
-        tracing::debug!(step, lead_db, mean_lead_db = after.lead_db, room = after.room, "views kept aside");
+        tracing::debug!(step, lead_db, mean_lead_db = after.lead_db, room = after.room, "validation views");
         self.state.fit = Some(after);
         Ok(after.room as usize)
     }
 
     /// Returns the lead that the rank finds which has the images of all views, as only the rank of
     /// the one slot does: on every rank the same.
-    fn shared_lead_db(&mut self, step: u32, aside: &[Aside]) -> Result<Option<f64>, TrainError> {
+    fn shared_lead_db(&mut self, step: u32, views: &[ValidationView]) -> Result<Option<f64>, TrainError> {
         let mut leads = Vec::new();
         let has_images = self.own_slots().contains(&0);
-        for aside in aside.iter().filter(|_| has_images) {
-            leads.extend(self.lead_db(step, aside)?);
+        for view in views.iter().filter(|_| has_images) {
+            leads.extend(self.lead_db(step, view)?);
         }
         let found = (!leads.is_empty()).then(|| leads.iter().sum::<f64>() / leads.len() as f64);
         let message = found.map(|lead_db| [lead_db.to_bits() as u32, (lead_db.to_bits() >> 32) as u32]);
@@ -106,15 +106,15 @@ impl Trainer {
         Ok(messages.iter().find_map(lead))
     }
 
-    /// Returns by how many decibels the neighbours of a view kept aside are better than it.
-    fn lead_db(&mut self, step: u32, aside: &Aside) -> Result<Option<f64>, TrainError> {
-        let Some(of_aside) = self.psnr_of(step, aside.view)? else { return Ok(None) };
+    /// Returns by how many decibels the neighbours of a validation view are better than it.
+    fn lead_db(&mut self, step: u32, view: &ValidationView) -> Result<Option<f64>, TrainError> {
+        let Some(of_validation) = self.psnr_of(step, view.index)? else { return Ok(None) };
         let mut of_trained = Vec::new();
-        for neighbour in &aside.neighbours {
+        for neighbour in &view.neighbours {
             of_trained.extend(self.psnr_of(step, *neighbour)?);
         }
         let mean = of_trained.iter().sum::<f64>() / of_trained.len() as f64;
-        Ok((!of_trained.is_empty()).then_some(mean - of_aside))
+        Ok((!of_trained.is_empty()).then_some(mean - of_validation))
     }
 
     /// Returns the PSNR of a view under the mu-law, dB; `None` if it has no valid pixel or no
@@ -144,7 +144,7 @@ mod tests {
     use crate::testing::{camera_at, dataset_of, view_of};
 
     #[test]
-    fn the_limit_rises_while_views_aside_keep_up_and_the_scene_fills_it() {
+    fn the_limit_rises_while_validation_views_keep_up_and_the_scene_fills_it() {
         let fit = Fit { room: 1000, lead_db: 0.2 };
         assert_eq!(fit.after(0.2, 1000, 4000), Fit { room: 1250, lead_db: 0.2 });
         assert_eq!(fit.after(0.2, 900, 4000).room, 1000, "not filled");
@@ -186,11 +186,11 @@ mod tests {
     fn views_that_disagree_lag_behind_and_all_are_trained_on_at_the_end() {
         let leads = [true, false].map(|agree| {
             let mut trainer = trainer(agree);
-            let [Aside { view, .. }] = trainer.aside[..] else { panic!("{:?}", trainer.aside) };
+            let [ValidationView { index, .. }] = trainer.validation[..] else { panic!("{:?}", trainer.validation) };
             let mut trained = [false; 2];
             for step in 1..=400 {
                 trainer.step().unwrap();
-                trained[usize::from(step >= 200)] |= trainer.step_views == [view];
+                trained[usize::from(step >= 200)] |= trainer.step_views == [index];
             }
             assert_eq!(trained, [false, true]);
             trainer.state.fit.unwrap().lead_db
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn a_resumed_run_goes_on_with_what_the_views_aside_told() {
+    fn a_resumed_run_goes_on_with_what_the_validation_views_showed() {
         let mut first = trainer(false);
         for _ in 0..110 {
             first.step().unwrap();
@@ -211,5 +211,15 @@ mod tests {
             }
         }
         assert!(first.state.fit.is_some() && first.state == resumed.state);
+    }
+
+    #[test]
+    fn a_state_whose_option_had_another_name_is_read() {
+        let mut snapshot = trainer(true).snapshot().unwrap();
+        let old = snapshot.state_json.replace("\"validation_share\"", "\"hold_out\"");
+        assert_ne!(old, snapshot.state_json);
+        snapshot.state_json = old;
+        let resumed = Trainer::resume(&wall(true), snapshot, Box::new(CpuEngine::new(1).unwrap())).unwrap();
+        assert_eq!(resumed.state.config.validation_share, 0.1);
     }
 }

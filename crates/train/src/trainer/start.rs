@@ -13,12 +13,12 @@ use super::scene_start::{check_scene, start_of_scene, with_raster};
 use super::{Trainer, VecDeque};
 use crate::average::Average;
 use crate::camera_response::CameraResponse;
-use crate::holdout::views_aside;
 use crate::peers::{LiftedEngine, SharedNetworks, check_captured, check_pairs, one_exposure};
 use crate::pixel_weights::ToneScale;
 use crate::recorded::is_recorded;
 use crate::reduce::BatchMean;
 use crate::state::{Start, State, learns_response, poses_of};
+use crate::validation_views::validation_views;
 use crate::views::{TrainingViews, largest_px};
 use crate::vignetting::{Lenses, check_lenses};
 use crate::{Initial, Method, NamedChoice, Schedule, TrainConfig, TrainError, free_space, initialise};
@@ -147,8 +147,8 @@ impl Trainer {
             Some(lift) => Box::new(LiftedEngine::new(engine, lift.clone())),
         };
         let poses = state.poses.is_some().then(|| poses_of(dataset, state.extent));
-        let keeps_aside = config.keeps_views_aside() && state.response.is_none();
-        let aside = if keeps_aside { views_aside(&dataset.train, config.hold_out, state.extent) } else { Vec::new() };
+        let has_validation = config.has_validation_views() && state.response.is_none();
+        let validation = if has_validation { validation_views(&dataset.train, config.validation_share, state.extent) } else { Vec::new() };
         let mut trainer = Self {
             engine,
             views,
@@ -163,7 +163,7 @@ impl Trainer {
             poses,
             lenses,
             lift,
-            aside,
+            validation,
             exchange: Box::new(Alone),
             batch_mean: BatchMean::new(ParameterRows { color_model }),
             step_views: Vec::new(),
