@@ -14,6 +14,9 @@ use std::io::{IsTerminal, Write};
 use anyhow::Result;
 use clap::FromArgMatches;
 use luxel::run::{ExplicitArgs, Outcome};
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
 
 use crate::args::{Cli, Command};
 use crate::output::console::{self, LogFormat};
@@ -174,17 +177,21 @@ fn dispatch(command: Command, explicit: &ExplicitArgs, words: &[OsString]) -> Re
     }
 }
 
-/// Sends what the libraries log to stderr: warnings and above unless RUST_LOG sets another filter.
+/// Sends what the libraries log to stderr: warnings and above, unless RUST_LOG lists other levels by
+/// target, such as `info,luxel_io=debug`.
 fn start_logging() {
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn".into());
+    let stated = std::env::var("RUST_LOG").ok().and_then(|levels| levels.parse().ok());
+    let filter = stated.unwrap_or_else(|| Targets::new().with_default(LevelFilter::WARN));
     let colors = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
     // A program that uses this library may log already.
     let _ = tracing_subscriber::fmt()
         .with_ansi(colors)
-        .with_env_filter(filter)
         .with_writer(std::io::stderr)
         .with_target(false)
         .without_time()
+        .with_max_level(LevelFilter::TRACE)
+        .finish()
+        .with(filter)
         .try_init();
 }
 

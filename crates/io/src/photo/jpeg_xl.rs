@@ -1,13 +1,18 @@
 //! JPEG XL tiles of a DNG, by `jxl-oxide`. Out: integer samples on the scale of 8 bits, or of 16
-//! where the tile has more. Threads are the caller's business.
+//! where the tile has more. Threads are the caller's business. Without the feature `jpeg-xl` tiles are
+//! refused.
 
+#[cfg(feature = "jpeg-xl")]
 use jxl_oxide::{AllocTracker, JxlImage, JxlThreadPool};
 
+#[cfg(feature = "jpeg-xl")]
 use crate::image::guard::zeros;
 
 /// Memory that decoding a tile may take beside a fixed share, bytes per pixel.
+#[cfg(feature = "jpeg-xl")]
 const BYTES_PER_PIXEL: usize = 256;
 /// The fixed share.
+#[cfg(feature = "jpeg-xl")]
 const FREE_BYTES: usize = 64 << 20;
 
 /// Returns the code of 1.0 in tiles of `bits` bits. Adobe's SDK asks its decoder for 8 or for 16
@@ -18,6 +23,7 @@ pub(super) fn largest_code(bits: usize) -> u32 {
 }
 
 /// Returns the samples `[H * W * per_pixel]` of a tile of `size` pixels.
+#[cfg(feature = "jpeg-xl")]
 pub(super) fn decode(bytes: &[u8], size: [usize; 2], per_pixel: usize) -> Result<Vec<u16>, String> {
     let [width, height] = size;
     let limit = (width * height).saturating_mul(BYTES_PER_PIXEL).saturating_add(FREE_BYTES);
@@ -44,4 +50,10 @@ pub(super) fn decode(bytes: &[u8], size: [usize; 2], per_pixel: usize) -> Result
     }
     let largest = largest_code(bits as usize) as f32;
     Ok(samples.iter().map(|v| (v * largest + 0.5).clamp(0.0, largest) as u16).collect())
+}
+
+/// Refuses a tile.
+#[cfg(not(feature = "jpeg-xl"))]
+pub(super) fn decode(_: &[u8], _: [usize; 2], _: usize) -> Result<Vec<u16>, String> {
+    Err("JPEG XL, which this program was built without; build it with the feature jpeg-xl, or convert the file to lossless JPEG".into())
 }
