@@ -28,10 +28,16 @@ pub struct Splats {
     /// Standard deviations `[N]` of the 3D smoothing filter (Mip-splatting), world units; empty
     /// without the filter.
     pub smoothing: Vec<f32>,
+    /// Gains `[N]` of the splats' light since training, 0 or more; empty for 1 everywhere.
+    ///
+    /// A splat's radiance is that of the colour model times its gain. Cut-offs
+    /// ([`crate::Cutoffs`]) follow the radiance before the gain: they are part of what was trained,
+    /// so that an edit changes light and nothing else.
+    pub gain: Vec<f32>,
 }
 
 /// Explains why arrays do not form valid splats.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SplatsError {
     /// The length of an array does not match the number of splats and the colour model.
     #[error("{array} has {found} values, expected {expected}")]
@@ -54,6 +60,14 @@ pub enum SplatsError {
         /// Index of the splat.
         splat: usize,
     },
+    /// A gain is below 0.
+    #[error("gain of splat {splat} is {found}, expected 0 or more")]
+    Gain {
+        /// Index of the splat.
+        splat: usize,
+        /// Its gain.
+        found: f32,
+    },
 }
 
 impl Splats {
@@ -68,6 +82,7 @@ impl Splats {
             sh: Vec::new(),
             raw_luminance: Vec::new(),
             smoothing: Vec::new(),
+            gain: Vec::new(),
         }
     }
 
@@ -114,6 +129,11 @@ impl Splats {
     /// If the colour models differ.
     pub fn append(&mut self, from: Self) {
         assert_eq!(self.color_model, from.color_model);
+        if !(self.gain.is_empty() && from.gain.is_empty()) {
+            let ones = |gain: &[f32], splats: usize| vec![1.0; splats - gain.len()];
+            self.gain.extend(ones(&self.gain, self.len()));
+            self.gain.extend(if from.gain.is_empty() { ones(&from.gain, from.len()) } else { from.gain });
+        }
         self.position.extend(from.position);
         self.rotation.extend(from.rotation);
         self.log_scale.extend(from.log_scale);
@@ -139,6 +159,7 @@ impl Splats {
                 raw_luminance: self.raw_luminance_of(i),
             });
             selected.smoothing.extend(self.smoothing.get(i));
+            selected.gain.extend(self.gain.get(i));
         }
         selected
     }
@@ -148,17 +169,59 @@ impl Splats {
     pub fn radiance(&self, i: usize, direction: [f32; 3]) -> [f32; 3] {
         let basis = crate::ColorBasis::new(self.color_model.max_degree(), direction);
         let (sh, raw) = (self.sh_of(i), self.raw_luminance_of(i));
-        self.color_model.radiance(&basis, |m, c| sh[3 * m + c], |m| raw[m])
+        self.color_model.radiance(&basis, |m, c| sh[3 * m + c], |m| raw[m]).map(|c| c * self.gain_of(i))
+    }
+
+    /// Returns the gain of splat `i`.
+    pub fn gain_of(&self, i: usize) -> f32 {
+        self.gain.get(i).copied().unwrap_or(1.0)
+    }
+
+    /// Multiplies the gain of splat `i`; [`Self::settle_gains`] removes gains that came to nothing.
+    pub fn scale_gain(&mut self, i: usize, factor: f32) {
+        if self.gain.is_empty() {
+            self.gain = vec![1.0; self.len()];
+        }
+        self.gain[i] *= factor;
+    }
+
+    /// Removes the gains if all are 1.
+    pub fn settle_gains(&mut self) {
+        if self.gain.iter().all(|gain| *gain == 1.0) {
+            self.gain = Vec::new();
+        }
+    }
+
+    /// Takes the gains into the colours ([`ColorModel::scale_radiance`]): cut-offs then follow the
+    /// radiance with them. For training, which owns its cut-offs, and for files that have no gains.
+    pub fn fold_gains(&mut self) {
+        let (k, m) = (3 * self.color_model.sh_coefficients(), self.color_model.luminance_coefficients());
+        for (i, gain) in std::mem::take(&mut self.gain).into_iter().enumerate().filter(|(_, gain)| *gain != 1.0) {
+            let (sh, raw) = (&mut self.sh[i * k..(i + 1) * k], &mut self.raw_luminance[i * m..(i + 1) * m]);
+            self.color_model.scale_radiance(sh, raw, gain);
+        }
+    }
+
+    /// Checks that the splats can be trained: a mix cannot, nor can splats with gains.
+    ///
+    /// # Errors
+    /// [`EngineError::Invalid`].
+    pub fn check_trainable(color_model: ColorModel, gain: &[f32]) -> Result<(), EngineError> {
+        color_model.check_trainable()?;
+        if gain.is_empty() {
+            return Ok(());
+        }
+        Err(EngineError::invalid("the splats have gains of edits, which no step changes: take them into the colours first (fold_gains)"))
     }
 
     /// Returns the radiance of splat `i` from its degree-0 terms: the same in every direction.
     pub fn base_radiance(&self, i: usize) -> [f32; 3] {
-        self.color_model.base_radiance(self.sh_of(i), self.raw_luminance_of(i))
+        self.color_model.base_radiance(self.sh_of(i), self.raw_luminance_of(i)).map(|c| c * self.gain_of(i))
     }
 
     /// Returns the luminance (R + G + B, normalised units) of splat `i` from its degree-0 terms.
     pub fn base_luminance(&self, i: usize) -> f32 {
-        self.color_model.base_luminance(self.sh_of(i), self.raw_luminance_of(i))
+        self.color_model.base_luminance(self.sh_of(i), self.raw_luminance_of(i)) * self.gain_of(i)
     }
 
     /// Returns the values of an array, splat by splat.
@@ -203,6 +266,15 @@ impl Splats {
             if found != expected {
                 return Err(SplatsError::Length { array: array.name(), found, expected });
             }
+        }
+        if ![0, n].contains(&self.gain.len()) {
+            return Err(SplatsError::Length { array: "gain", found: self.gain.len(), expected: n });
+        }
+        if let Some(splat) = self.gain.iter().position(|gain| !gain.is_finite()) {
+            return Err(SplatsError::NotFinite { array: "gain", splat });
+        }
+        if let Some(splat) = self.gain.iter().position(|gain| *gain < 0.0) {
+            return Err(SplatsError::Gain { splat, found: self.gain[splat] });
         }
         SplatArray::ALL.into_iter().try_for_each(|array| array.check_finite(self.array(array), width(array), 0))
     }
@@ -268,6 +340,7 @@ impl Moments {
             sh: vec![0.0; count * 3 * color_model.sh_coefficients()],
             raw_luminance: vec![0.0; count * color_model.luminance_coefficients()],
             smoothing: Vec::new(),
+            gain: Vec::new(),
         };
         Self { first: zeros.clone(), second: zeros }
     }

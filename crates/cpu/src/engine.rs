@@ -254,6 +254,7 @@ impl Engine for CpuEngine {
         method: &mut dyn ChannelStep,
         step: &StepConfig,
     ) -> Result<(StepReport, SparseGradients), EngineError> {
+        self.state.check_trainable()?;
         let camera = channel_camera(camera, method, &step.render, &mut self.lenses)?;
         let camera = ScreenCamera { dropout: step.dropout, ..camera };
         Ok(self.pool.install(|| self.state.channel_gradients(&camera, method, step)))
@@ -276,6 +277,7 @@ impl Engine for CpuEngine {
     }
 
     fn view_gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, SparseGradients), EngineError> {
+        self.state.check_trainable()?;
         let camera = checked_view(view, step, &mut self.lenses)?;
         Ok(self.pool.install(|| self.state.view_gradients(&camera, view, step)))
     }

@@ -10,9 +10,9 @@ use luxel_core::{Activation, ColorModel, Component, DEAD_CHROMA_FLOOR, MAX_EXP_A
 use luxel_core::{SSIM_C1, SSIM_C2, SSIM_RADIUS, ssim_window};
 
 use crate::layout::{
-    BUCKET, CULLED_KEY, DENSIFY_CAP, DENSIFY_SMOOTHING, DIGITS, FLAG_ABSOLUTE, FLAG_COMPENSATION, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING,
-    FLAG_TRAINING, GATHER_ALONE, HALT_NONE, HALT_NOT_FINITE, HALT_OVERFLOW, MARGIN_PX, MAX_GROUPS, PLAN_KEEP_MOMENTS, PLAN_NEW_OPACITY,
-    SORT_BLOCK, SORT_ENTRIES, SORT_IDENTITY, TILE_PX, Update,
+    BUCKET, CULLED_KEY, DENSIFY_CAP, DENSIFY_SMOOTHING, DIGITS, FLAG_ABSOLUTE, FLAG_COMPENSATION, FLAG_EDIT_GAIN, FLAG_MIN_CONTRIBUTION,
+    FLAG_SMOOTHING, FLAG_TRAINING, GATHER_ALONE, HALT_NONE, HALT_NOT_FINITE, HALT_OVERFLOW, MARGIN_PX, MAX_GROUPS, PLAN_KEEP_MOMENTS,
+    PLAN_NEW_OPACITY, SORT_BLOCK, SORT_ENTRIES, SORT_IDENTITY, TILE_PX, Update,
 };
 
 /// Returns the constants in front of every shader.
@@ -29,6 +29,7 @@ pub(crate) fn constants() -> String {
         ("MAX_GROUPS", MAX_GROUPS),
         ("FLAG_COMPENSATION", FLAG_COMPENSATION),
         ("FLAG_SMOOTHING", FLAG_SMOOTHING),
+        ("FLAG_EDIT_GAIN", FLAG_EDIT_GAIN),
         ("FLAG_MIN_CONTRIBUTION", FLAG_MIN_CONTRIBUTION),
         ("FLAG_TRAINING", FLAG_TRAINING),
         ("FLAG_ABSOLUTE", FLAG_ABSOLUTE),
@@ -104,6 +105,7 @@ pub(crate) fn model_constants(model: ColorModel, light: usize, update: Update) -
         ("ROW_LUMINANCE", (rows.luminance() + first_luminance) as u32),
         ("ROW_GAIN", (rows.luminance() + gain.unwrap_or(0)) as u32),
         ("ROW_SMOOTHING", rows.count() as u32),
+        ("ROW_EDIT_GAIN", rows.count() as u32 + 1),
         ("ROWS", rows.count() as u32),
     ];
     for (name, value) in integers {

@@ -36,7 +36,8 @@ pub(crate) fn apply(
     plan: &DensifyPlan,
     shard_len: usize,
 ) -> Result<GpuScene, EngineError> {
-    let mut scene = GpuScene::zeros(gpu, old.rows, plan.rows.len(), shard_len)?;
+    let gain = plan.rows.iter().filter_map(|row| old.gain.get(row.source as usize)).copied().collect();
+    let mut scene = GpuScene::with_gain(gpu, old.rows, plan.rows.len(), shard_len, gain)?;
     scene.has_smoothing = old.has_smoothing || plan.smoothing.is_some();
     let cap = plan.opacity_logit_cap;
     for shard in &scene.shards {

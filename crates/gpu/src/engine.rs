@@ -174,7 +174,7 @@ impl GpuEngine {
     /// # Errors
     /// The errors of [`train_step`](luxel_core::Engine::train_step).
     pub fn gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, Splats), EngineError> {
-        self.scene.rows.color_model.check_trainable()?;
+        self.scene.check_trainable()?;
         self.wait_idle_checked()?;
         view.validate()?;
         let scratch = GpuScene::zeros(&self.gpu, self.scene.rows, self.scene.count, self.shard_len())?;
@@ -282,7 +282,7 @@ impl GpuEngine {
             camera,
             options,
             purpose,
-            SceneFacts { count: scene.count as u32, has_smoothing: scene.has_smoothing },
+            SceneFacts { count: scene.count as u32, has_smoothing: scene.has_smoothing, has_gain: !scene.gain.is_empty() },
             capacity,
         );
         gpu.queue.write_buffer(&frame.camera.raw, 0, bytemuck::bytes_of(&uniform));

@@ -35,6 +35,7 @@ pub(crate) const FLAG_SMOOTHING: u32 = 2;
 pub(crate) const FLAG_MIN_CONTRIBUTION: u32 = 4;
 pub(crate) const FLAG_TRAINING: u32 = 8;
 pub(crate) const FLAG_ABSOLUTE: u32 = 16;
+pub(crate) const FLAG_EDIT_GAIN: u32 = 32;
 
 /// [`SortUniform::flags`]: the number of pairs is the step's number of entries.
 pub(crate) const SORT_ENTRIES: u32 = 1;

@@ -27,9 +27,12 @@ pub(crate) struct Shard {
     pub(crate) stats: Buffer,
 }
 
+/// Rows behind those of the parameters: the 3D filter, and the gains of edits, where a scene has any.
+const ROWS_BEYOND_PARAMETERS: usize = 2;
+
 /// Returns how many splats' parameters fit into a binding.
 pub(crate) fn shard_len(rows: ParameterRows, binding_bytes: u64) -> usize {
-    let splat_bytes = 4 * (rows.count() as u64 + 1);
+    let splat_bytes = 4 * (rows.count() as u64 + ROWS_BEYOND_PARAMETERS as u64);
     usize::try_from(binding_bytes / splat_bytes / 64 * 64).unwrap_or(usize::MAX).max(64)
 }
 
@@ -38,6 +41,8 @@ pub(crate) struct GpuScene {
     pub(crate) rows: ParameterRows,
     pub(crate) count: usize,
     pub(crate) has_smoothing: bool,
+    /// Gains of edits; empty if the scene has none, as in training.
+    pub(crate) gain: Vec<f32>,
     pub(crate) shards: Vec<Shard>,
 }
 
@@ -45,11 +50,16 @@ impl GpuScene {
     /// Makes a scene without splats.
     pub(crate) fn empty() -> Self {
         let rows = ParameterRows { color_model: ColorModel::Sh { degree: 0 } };
-        Self { rows, count: 0, has_smoothing: false, shards: Vec::new() }
+        Self { rows, count: 0, has_smoothing: false, gain: Vec::new(), shards: Vec::new() }
     }
 
     /// Makes a scene of `count` splats in shards of at most `shard_len`, with all values zero.
     pub(crate) fn zeros(gpu: &Gpu, rows: ParameterRows, count: usize, shard_len: usize) -> Result<Self, EngineError> {
+        Self::with_gain(gpu, rows, count, shard_len, Vec::new())
+    }
+
+    /// Makes a scene with these gains, whose other values are zero.
+    pub(crate) fn with_gain(gpu: &Gpu, rows: ParameterRows, count: usize, shard_len: usize, gain: Vec<f32>) -> Result<Self, EngineError> {
         if count >= 1 << 31 {
             return Err(EngineError::invalid(format!("gpu: {count} splats, at most {} are supported", 1u32 << 31))
                 .with_remedy(Remedy::lower("max_splats")));
@@ -60,24 +70,30 @@ impl GpuScene {
             // Rows begin at multiples of 256 bytes, so that a subgroup's loads are aligned.
             let stride = len.next_multiple_of(64);
             let numbers = stride as u64 * 4;
+            let all_rows = rows.count() as u64 + 1 + u64::from(!gain.is_empty());
             let uniform = ShardUniform { base: base as u32, len: len as u32, stride: stride as u32, padding: 0 };
             shards.push(Shard {
                 base,
                 len,
                 stride,
                 uniform: gpu.uniform("shard", &uniform)?,
-                parameters: gpu.storage("parameters", numbers * (rows.count() as u64 + 1))?,
+                parameters: gpu.storage("parameters", numbers * all_rows)?,
                 first: gpu.storage("first moments", numbers * rows.count() as u64)?,
                 second: gpu.storage("second moments", numbers * rows.count() as u64)?,
                 stats: gpu.storage("statistics", numbers * STATS_ROWS as u64)?,
             });
         }
-        Ok(Self { rows, count, has_smoothing: false, shards })
+        for Shard { base, len, stride, parameters, .. } in shards.iter().filter(|_| !gain.is_empty()) {
+            let offset = 4 * ((rows.count() + 1) * stride) as u64;
+            gpu.queue.write_buffer(&parameters.raw, offset, bytemuck::cast_slice(&gain[*base..base + len]));
+        }
+        Ok(Self { rows, count, has_smoothing: false, gain, shards })
     }
 
     /// Copies splats, and moments if there are any, to the device.
     pub(crate) fn upload(gpu: &Gpu, splats: &Splats, moments: Option<&Moments>, shard_len: usize) -> Result<Self, EngineError> {
-        let mut scene = Self::zeros(gpu, ParameterRows { color_model: splats.color_model }, splats.len(), shard_len)?;
+        let mut scene =
+            Self::with_gain(gpu, ParameterRows { color_model: splats.color_model }, splats.len(), shard_len, splats.gain.clone())?;
         scene.has_smoothing = !splats.smoothing.is_empty();
         for shard in &scene.shards {
             let write = |buffer: &Buffer, values: &Splats, rows: usize| {
@@ -129,6 +145,11 @@ impl GpuScene {
             }
         }
         Ok(values)
+    }
+
+    /// Checks that the scene can be trained.
+    pub(crate) fn check_trainable(&self) -> Result<(), EngineError> {
+        Splats::check_trainable(self.rows.color_model, &self.gain)
     }
 
     /// Downloads the 3D filter; empty if the scene has none.

@@ -12,8 +12,8 @@ use luxel_core::{
 
 use crate::forward::PixelKind;
 use crate::layout::{
-    CameraUniform, FLAG_ABSOLUTE, FLAG_COMPENSATION, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING, FLAG_TRAINING, LensUniform, LossUniform,
-    OptimizerUniform, TILE_PX,
+    CameraUniform, FLAG_ABSOLUTE, FLAG_COMPENSATION, FLAG_EDIT_GAIN, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING, FLAG_TRAINING, LensUniform,
+    LossUniform, OptimizerUniform, TILE_PX,
 };
 
 /// The purpose of a frame, which decides what it computes.
@@ -51,6 +51,8 @@ pub(crate) struct SceneFacts {
     pub(crate) count: u32,
     /// Whether the scene has a 3D filter.
     pub(crate) has_smoothing: bool,
+    /// Whether the scene has gains of edits.
+    pub(crate) has_gain: bool,
 }
 
 /// Returns the uniform of the camera (of samples, see [`supersampled`]) with its options. The
@@ -59,7 +61,7 @@ pub(crate) fn camera_uniform(
     camera: &Camera,
     options: &RenderOptions,
     purpose: Purpose,
-    SceneFacts { count, has_smoothing }: SceneFacts,
+    SceneFacts { count, has_smoothing, has_gain }: SceneFacts,
     entry_capacity: u32,
 ) -> CameraUniform {
     let pose = camera.camera_from_world;
@@ -76,6 +78,7 @@ pub(crate) fn camera_uniform(
     let flags = [
         (antialias.compensates_opacity(), FLAG_COMPENSATION),
         (antialias == Antialias::Mip && has_smoothing, FLAG_SMOOTHING),
+        (has_gain, FLAG_EDIT_GAIN),
         (cutoffs.min_contribution.is_finite(), FLAG_MIN_CONTRIBUTION),
         (matches!(purpose, Purpose::Training(..)), FLAG_TRAINING),
         (matches!(purpose, Purpose::Training(StatsCollection::GradientsAndAbsolute, _)), FLAG_ABSOLUTE),

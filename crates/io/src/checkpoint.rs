@@ -302,6 +302,8 @@ impl<R: Read> Reader<'_, R> {
             sh: self.floats(&format!("{group}.sh"), &[n, k, 3])?,
             raw_luminance: self.floats(&format!("{group}.raw_luminance"), &[n, m])?,
             smoothing: self.optional(&format!("{group}.smoothing"), n)?,
+            // Training has none.
+            gain: Vec::new(),
         })
     }
 

@@ -18,6 +18,7 @@ pub(crate) fn leave_out_unfinite(splats: &mut Splats) -> u64 {
     let is_finite = |i: usize| {
         let own = [&splats.position[i][..], &splats.rotation[i], &splats.log_scale[i], &splats.opacity_logit[i..=i]];
         let colors = [splats.sh_of(i), splats.raw_luminance_of(i), splats.smoothing.get(i..=i).unwrap_or_default()];
+        let colors = colors.into_iter().chain(splats.gain.get(i..=i));
         own.into_iter().chain(colors).flatten().all(|v| v.is_finite())
     };
     let kept: Vec<u32> = (0u32..).zip(0..splats.len()).filter(|(_, i)| is_finite(*i)).map(|(index, _)| index).collect();

@@ -37,6 +37,10 @@ pub struct LogRecord {
     pub visible: u32,
     /// Speed since the line before.
     pub iterations_per_second: f64,
+    /// Steps left, in steps as costly as those since the line before; `None` where all steps cost
+    /// about the same.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub steps_left_at_pace: Option<f64>,
     /// Seconds spent training, evaluation left out, over all resumed parts.
     pub elapsed_s: f64,
     /// Seconds of processors meanwhile, all threads together; `None` where the system does not
@@ -50,9 +54,9 @@ pub struct LogRecord {
 }
 
 impl LogRecord {
-    /// Returns the seconds until step `total` at the present speed.
+    /// Returns the seconds until step `total`, from the present speed.
     pub fn seconds_left(&self, total: u32) -> Option<f64> {
-        let left = f64::from(total.saturating_sub(self.iteration));
+        let left = self.steps_left_at_pace.unwrap_or_else(|| f64::from(total.saturating_sub(self.iteration)));
         (self.iterations_per_second > 0.0).then(|| left / self.iterations_per_second)
     }
 }
@@ -76,12 +80,14 @@ mod tests {
             splats: 10,
             visible: 5,
             iterations_per_second: 20.0,
+            steps_left_at_pace: None,
             elapsed_s: 5.0,
             cpu_s: None,
             rss_bytes: None,
             peak_rss_bytes: None,
         };
         assert_eq!(record.seconds_left(300), Some(10.0));
+        assert_eq!(LogRecord { steps_left_at_pace: Some(900.0), ..record.clone() }.seconds_left(300), Some(45.0));
         assert_eq!(LogRecord { iterations_per_second: 0.0, ..record }.seconds_left(300), None);
     }
 }

@@ -81,7 +81,7 @@ fn mixed(inputs: &[MixInput], color_model: ColorModel) -> Splats {
     for i in 0..splats.len() {
         for MixInput { scene, weight, .. } in inputs {
             // Radiance of the scene in normalised units of the mix.
-            let factor = f64::from(*weight) * f64::from(scene.radiance_scale.get()) / scale;
+            let factor = f64::from(*weight) * f64::from(scene.radiance_scale.get()) / scale * f64::from(scene.splats.gain_of(i));
             let (of_sh, of_raw) = (scene.splats.sh_of(i), scene.splats.raw_luminance_of(i));
             sh.extend_from_slice(of_sh);
             for component in scene.splats.color_model.components() {
@@ -90,7 +90,7 @@ fn mixed(inputs: &[MixInput], color_model: ColorModel) -> Splats {
             }
         }
     }
-    Splats { color_model, sh, raw_luminance, ..splats.clone() }
+    Splats { color_model, sh, raw_luminance, gain: Vec::new(), ..splats.clone() }
 }
 
 /// Returns the record of a mix: the edits of its scenes, and their names with the weights.

@@ -169,7 +169,8 @@ impl Recipe {
             &splats.smoothing,
         ];
         let mut bytes = Vec::new();
-        for array in arrays {
+        // Scenes without gains keep the recipes that they had.
+        for array in arrays.into_iter().chain(Some(splats.gain.as_slice()).filter(|gain| !gain.is_empty())) {
             recipe.0.update(&(array.len() as u64).to_le_bytes());
             for part in array.chunks(1 << 14) {
                 bytes.clear();

@@ -13,10 +13,10 @@ use pyo3::types::PyDict;
 use crate::arrays::{image_of, motion_array, plane_of, rows_array, rows_of, shared_image, shared_mask};
 use crate::camera::PyCamera;
 use crate::errors::{OrRaise, invalid};
-use crate::names;
 use crate::observer::PyObserver;
 use crate::options::load_options;
 use crate::wait::interruptible;
+use crate::{names, process};
 
 /// Views that are held out where nothing says which: every eighth, as for files.
 const HOLD_OUT_EVERY: usize = 8;
@@ -244,6 +244,7 @@ impl PyView {
     /// 1 as recorded where `exposure` is not None.
     #[getter]
     fn image<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
+        process::check()?;
         let loaded = py.detach(|| self.view().image.loaded()).or_raise()?;
         shared_image(py, loaded.shared())
     }
@@ -252,6 +253,7 @@ impl PyView {
     #[getter]
     fn mask<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f32>>>> {
         let Some(mask) = &self.view().mask else { return Ok(None) };
+        process::check()?;
         let loaded = mask.loaded().or_raise()?;
         let size = self.view().camera.size_px.map(|side| side as usize);
         shared_mask(py, loaded.shared(), size).map(Some)

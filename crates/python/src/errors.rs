@@ -27,7 +27,8 @@ pub(crate) fn invalid(message: impl Into<String>) -> PyErr {
     with_remedy(message.into(), None)
 }
 
-fn with_remedy(message: String, remedy: Option<String>) -> PyErr {
+/// Returns the exception of a message that contains its remedy.
+pub(crate) fn with_remedy(message: String, remedy: Option<String>) -> PyErr {
     Python::attach(|py| {
         let raised = LuxelError::new_err(message);
         // An exception without the attribute still has its message.

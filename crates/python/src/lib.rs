@@ -20,6 +20,7 @@ mod names;
 mod observer;
 mod options;
 mod probe;
+mod process;
 mod raster_arrays;
 mod rasterization;
 mod scene;

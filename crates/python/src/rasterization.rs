@@ -19,6 +19,7 @@ use pyo3::types::PyDict;
 
 use crate::color_model::PyColorModel;
 use crate::errors::invalid;
+use crate::process::Home;
 use crate::raster_arrays::{Array, OutArray, flags, lent, numbers, rows, shaped};
 
 fn raise(error: &EngineError) -> PyErr {
@@ -32,6 +33,7 @@ fn raise(error: &EngineError) -> PyErr {
 #[pyclass(module = "luxel._luxel", name = "Rasterizer", frozen)]
 pub(crate) struct PyRasterizer {
     engine: Arc<CpuEngine>,
+    home: Home,
 }
 
 #[pymethods]
@@ -40,7 +42,7 @@ impl PyRasterizer {
     #[new]
     #[pyo3(signature = (threads = 0))]
     fn new(threads: usize) -> PyResult<Self> {
-        Ok(Self { engine: Arc::new(CpuEngine::new(threads).map_err(|error| raise(&error))?) })
+        Ok(Self { engine: Arc::new(CpuEngine::new(threads).map_err(|error| raise(&error))?), home: Home::here() })
     }
 
     /// Projects splats to the screens of cameras. Returns the `Projection` with its arrays in a
@@ -83,12 +85,13 @@ impl PyRasterizer {
             ..BlendOptions::gsplat([width, height])
         };
         options.cutoffs.near = near_plane;
-        let projected = py.detach(|| self.engine.project(&splats, &cameras, &options));
+        let projected = self.home.detach(py, || self.engine.project(&splats, &cameras, &options))?;
         let (ellipses, projected) = projected.map_err(|error| raise(&error))?;
         let is_visible: Vec<bool> = ellipses.radius_px.iter().map(|radius| *radius != [0; 2]).collect();
         let visible = packed.then(|| (0..is_visible.len()).filter(|i| is_visible[*i]).collect());
         let projection = PyProjection {
             engine: Arc::clone(&self.engine),
+            home: self.home,
             projected,
             visible,
             cameras: cameras.len(),
@@ -117,7 +120,7 @@ impl PyRasterizer {
     ) -> PyResult<OutArray<'py>> {
         let visible = flags(visible.as_ref())?;
         let colors = directional(&means, &eyes, &sh, &raw_luminance, visible, model.model()?, active_degree)?;
-        let values = py.detach(|| self.engine.colors(&colors)).map_err(|error| raise(&error))?;
+        let values = self.home.detach(py, || self.engine.colors(&colors))?.map_err(|error| raise(&error))?;
         lent(py, &self.engine, values.into_flattened(), &[colors.eye.len(), colors.position.len(), 3])
     }
 
@@ -139,7 +142,7 @@ impl PyRasterizer {
         let visible = flags(visible.as_ref())?;
         let colors = directional(&means, &eyes, &sh, &raw_luminance, visible, model.model()?, active_degree)?;
         let gradient = rows("gradient", &gradient)?;
-        let found = py.detach(|| self.engine.colors_backward(&colors, gradient)).map_err(|error| raise(&error))?;
+        let found = self.home.detach(py, || self.engine.colors_backward(&colors, gradient))?.map_err(|error| raise(&error))?;
         Ok([
             lent(py, &self.engine, found.position.into_flattened(), means.shape())?,
             shaped(py, found.eye.into_flattened(), eyes.shape())?,
@@ -197,6 +200,7 @@ fn cameras(viewmats: &[f32], ks: &[f32]) -> PyResult<Vec<MatrixCamera>> {
 #[pyclass(module = "luxel._luxel", name = "Projection", frozen)]
 pub(crate) struct PyProjection {
     engine: Arc<CpuEngine>,
+    home: Home,
     projected: Box<dyn ProjectedSplats>,
     /// Places of the visible splats among all, if arrays are packed.
     visible: Option<Vec<usize>>,
@@ -284,7 +288,7 @@ impl PyProjection {
         let count = channels.shape().last().copied().unwrap_or(0);
         let background = background.as_ref().map(|background| numbers("background", background)).transpose()?;
         let values = Channels { values: numbers("channels", &channels)?, count, background };
-        let (pixels, blended) = py.detach(|| this.projected.blend(&values)).map_err(|error| raise(&error))?;
+        let (pixels, blended) = this.home.detach(py, || this.projected.blend(&values))?.map_err(|error| raise(&error))?;
         let [width, height] = this.size;
         let shape = [this.cameras, height, width, count];
         let blending = PyBlending { blended, projection: slf.clone().unbind(), channels: channels.shape().to_vec(), count };
@@ -329,7 +333,7 @@ impl PyProjection {
             shape: if by_covariance { ShapeParameters::Covariance } else { ShapeParameters::RotationAndScale },
             cameras: if by_viewmats { CameraMatrices::Differentiate } else { CameraMatrices::Skip },
         };
-        let found = py.detach(|| self.projected.backward(&gradient)).map_err(|error| raise(&error))?;
+        let found = self.home.detach(py, || self.projected.backward(&gradient))?.map_err(|error| raise(&error))?;
         let mut viewmats = Vec::new();
         for rows in found.camera_from_world {
             viewmats.extend(rows.as_flattened());
@@ -377,7 +381,8 @@ impl PyBlending {
             alpha,
             absolute: if absolute { AbsoluteMeans::Collect } else { AbsoluteMeans::Skip },
         };
-        let found = py.detach(|| self.blended.backward(&gradient)).map_err(|error| raise(&error))?;
+        let home = self.projection.get().home;
+        let found = home.detach(py, || self.blended.backward(&gradient))?.map_err(|error| raise(&error))?;
         let BlendGradient { mean_px, covariance_px2, opacity, channels, background, absolute_mean_px } = found;
         let projection = self.projection.get();
         let arrays = PyDict::new(py);

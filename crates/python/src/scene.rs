@@ -15,12 +15,12 @@ use crate::camera::PyCamera;
 use crate::errors::{OrRaise, invalid};
 use crate::observer::PyObserver;
 use crate::wait::{interruptible, locked, with_locked};
-use crate::{json, names, splats};
+use crate::{json, names, process, splats};
 
 /// A scene of Gaussian splats, each of which emits linear radiance.
 ///
 /// The arrays of splats (`positions`, `rotations`, `log_scales`, `opacity_logits`, `sh`,
-/// `raw_luminance`, `smoothing`) are in the scene's local coordinates and normalised units:
+/// `raw_luminance`, `smoothing`, `gain`) are in the scene's local coordinates and normalised units:
 /// `world_from_local` and `radiance_scale` lead to the world and to the radiance of the data set.
 /// Reading one makes a copy; assigning one changes the scene. `set` changes several at once.
 #[pyclass(name = "Scene", module = "luxel", frozen)]
@@ -154,6 +154,7 @@ impl PyScene {
             sh: flat_of("sh", sh)?,
             raw_luminance: raw_luminance.map(|raw| flat_of("raw_luminance", raw)).transpose()?.unwrap_or_default(),
             smoothing: Vec::new(),
+            gain: Vec::new(),
         };
         if let Some(message) = splats::fault(&splats) {
             return Err(invalid(message));
@@ -246,6 +247,8 @@ impl PyScene {
     /// "where L > p95 ~2; compress-above 2:4". Returns how many splats it selects.
     fn edit(&self, py: Python<'_>, edit: &str) -> PyResult<usize> {
         let edit: Edit = edit.parse().map_err(|error| invalid(format!("edit: {error}")))?;
+        // It lets go of an engine with threads.
+        process::check()?;
         let applied = with_locked(py, &self.state, |state| {
             state.renderer = None;
             state.scene.edit(&edit)

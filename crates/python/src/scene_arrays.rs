@@ -1,5 +1,6 @@
 //! The arrays of a scene's splats as attributes of `Scene`.
 
+use luxel_core::Splats;
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -111,6 +112,23 @@ impl PyScene {
     #[setter]
     fn set_smoothing(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
         self.set_array("smoothing", value)
+    }
+
+    /// Gains of the splats' light since training, float32 [count]; empty for 1 everywhere. Edits
+    /// change them: cut-offs follow the radiance before them.
+    #[getter]
+    fn gain<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        self.array(py, "gain")
+    }
+
+    #[setter]
+    fn set_gain(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.set_array("gain", value)
+    }
+
+    /// Takes the gains into the colours: cut-offs then follow the radiance with them.
+    fn fold_gains(&self, py: Python<'_>) -> PyResult<()> {
+        self.change(py, vec![Box::new(Splats::fold_gains)])
     }
 
     /// Changes several arrays at once, by name; their number of splats may differ from before.

@@ -25,6 +25,7 @@ impl Numbers {
             "sh" => (&splats.sh, vec![n, model.sh_coefficients(), 3]),
             "raw_luminance" => (&splats.raw_luminance, vec![n, model.luminance_coefficients()]),
             "smoothing" => (&splats.smoothing, vec![splats.smoothing.len()]),
+            "gain" => (&splats.gain, vec![splats.gain.len()]),
             _ => return None,
         };
         Some(Self { values: values.to_vec(), shape })
@@ -54,6 +55,7 @@ pub(crate) fn change(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Change> {
         "sh" => put(flat_of(name, value)?, |splats| &mut splats.sh),
         "raw_luminance" => put(flat_of(name, value)?, |splats| &mut splats.raw_luminance),
         "smoothing" => put(numbers_of(name, value)?, |splats| &mut splats.smoothing),
+        "gain" => put(numbers_of(name, value)?, |splats| &mut splats.gain),
         _ => return Err(invalid(format!("splats have no array {name:?}"))),
     })
 }

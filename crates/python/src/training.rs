@@ -13,10 +13,10 @@ use crate::arrays::image_array;
 use crate::camera::PyCamera;
 use crate::dataset::{PyDataset, PyView};
 use crate::errors::{OrRaise, invalid};
-use crate::json;
 use crate::options::train_config;
 use crate::scene::{PyScene, device};
 use crate::wait::{interruptible, locked, with_locked};
+use crate::{json, process};
 
 /// Numbers of one step of training.
 #[pyclass(name = "Progress", module = "luxel", frozen, get_all)]
@@ -79,6 +79,7 @@ impl PyTraining {
 
     /// Makes a step on this thread: a hand-over for each would cost more than short steps take.
     fn made_step(&self, py: Python<'_>) -> PyResult<Option<PyProgress>> {
+        process::check()?;
         let made = with_locked(py, &self.training, Iterator::next);
         py.check_signals()?;
         made.transpose().or_raise().map(|made| made.map(PyProgress::new))

@@ -7,6 +7,7 @@ use std::time::Duration;
 use pyo3::prelude::*;
 
 use crate::errors::invalid;
+use crate::process;
 
 /// Time between two looks for Ctrl-C.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -14,9 +15,10 @@ const PATIENCE: Duration = Duration::from_millis(50);
 /// Stack of the thread, bytes: as much as decoders need.
 const STACK_BYTES: usize = 8 << 20;
 
-/// Runs `work` and returns its result. After Ctrl-C the exception is raised at once; the work,
+/// Runs `work` and returns its result; refused in a fork of a process that did so before. After Ctrl-C the exception is raised at once; the work,
 /// which cannot be stopped in between, comes to its end unseen.
 pub(crate) fn interruptible<T: Send + 'static>(py: Python<'_>, work: impl FnOnce() -> T + Send + 'static) -> PyResult<T> {
+    process::check()?;
     let (sender, receiver) = channel();
     let work = move || drop(sender.send(work()));
     let builder = std::thread::Builder::new().name("luxel".into()).stack_size(STACK_BYTES);

@@ -79,12 +79,24 @@ def test_background_and_layers(dataset: luxel.Dataset, scene: luxel.Scene) -> No
     np.testing.assert_allclose(lengths, np.where(layers["alpha"] > 0, 1, 0), atol=1e-5)
 
 
-def test_edits_change_light_and_are_recorded(dataset: luxel.Dataset, scene: luxel.Scene) -> None:
+def test_edits_change_light_alone_and_are_recorded(dataset: luxel.Dataset, scene: luxel.Scene, tmp_path: Path) -> None:
     camera, edited = dataset.test[0].camera, scene.copy()
     assert edited.edit("gain 2") == len(edited)
     brighter, before = edited.render(camera, device="cpu"), scene.render(camera, device="cpu")
-    assert brighter.mean() == pytest.approx(2 * before.mean(), rel=0.02), "but for what cut-offs skip"
+    np.testing.assert_allclose(brighter, 2 * before, rtol=1e-6)
     assert (edited.edits, scene.edits) == (["where all; gain 2"], [])
+    np.testing.assert_array_equal(edited.gain, np.full(len(scene), 2.0))
+    np.testing.assert_array_equal(edited.raw_luminance, scene.raw_luminance)
+    assert len(scene.gain) == 0
+    edited.save(tmp_path / "edited.ply")
+    np.testing.assert_array_equal(luxel.Scene.open(tmp_path / "edited.ply").render(camera, device="cpu"), brighter)
+    scaled = scene.copy()
+    scaled.gain = edited.gain
+    np.testing.assert_array_equal(scaled.render(camera, device="cpu"), brighter)
+    edited.fold_gains()
+    assert len(edited.gain) == 0 and edited.render(camera, device="cpu").mean() == pytest.approx(brighter.mean(), rel=0.02)
+    with pytest.raises(luxel.LuxelError, match="gain"):
+        edited.gain = [-1.0] * len(edited)
     with pytest.raises(luxel.LuxelError, match="column 1"):
         edited.edit("brighter")
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 
 import numpy as np
 
@@ -371,3 +374,56 @@ def test_projection_and_harmonics_equal_those_of_gsplat():
     expected = gsplat._spherical_harmonics(3, directions, coefficients.expand(2, -1, -1, -1))
     found = sh_radiance(start["means"], start["viewmats"], coefficients, 3)
     assert_near("harmonics", found, (expected + 0.5).clamp_min(0.0).double(), 5e-6)
+
+
+def test_second_derivatives_are_refused():
+    t = scene(3)
+    means, sh = t["means"].requires_grad_(), torch.zeros(25, 4, 3, requires_grad=True)
+    radiance = sh_radiance(means, t["viewmats"], sh, 1)
+    image, _, _ = rasterization(means, t["quats"], t["scales"], t["opacities"], radiance, t["viewmats"], t["Ks"], 23, 17)
+    (first,) = torch.autograd.grad(image.square().sum(), means, create_graph=True)
+    with pytest.raises(RuntimeError, match="once_differentiable"):
+        first.square().sum().backward()
+    radiance = sh_radiance(means, t["viewmats"], sh, 1)
+    (first,) = torch.autograd.grad(radiance.square().sum(), sh, create_graph=True)
+    with pytest.raises(RuntimeError, match="once_differentiable"):
+        first.square().sum().backward()
+
+
+FORK = """
+import os, sys
+import torch
+import luxel
+from luxel.torch import rasterization
+
+torch.set_num_threads(2)
+view, K = torch.eye(4)[None], torch.tensor([[[20.0, 0, 8], [0, 20, 8], [0, 0, 1]]])
+means = torch.tensor([[0.0, 0.0, 2.0]], requires_grad=True)
+
+def image():
+    rest = torch.tensor([[1.0, 0, 0, 0]]), torch.full((1, 3), 0.1), torch.tensor([0.9]), torch.tensor([[4.0, 2.0, 1.0]])
+    return rasterization(means, *rest, view, K, 16, 16)[0]
+
+before = image()
+camera = luxel.Camera.look_at([0, 0, -3], [0, 0, 0], [0, -1, 0], fov=50, width=32, height=24)
+dataset = luxel.Dataset.from_arrays([torch.ones(24, 32, 3).numpy()], [camera])
+child = os.fork()
+if child:
+    sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+after = image()
+after.sum().backward()
+ok = torch.equal(before, after) and means.grad.abs().sum() > 0
+for refused in (lambda: before.sum().backward(), lambda: luxel.Dataset.open("absent"), lambda: luxel.train(dataset, steps=1)):
+    try:
+        refused()
+        ok = False
+    except luxel.LuxelError as error:
+        ok = ok and "was forked from" in str(error) and "spawn" in error.remedy
+os._exit(0 if ok else 1)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="the system has no fork")
+def test_a_fork_rasterises_with_threads_of_its_own_and_is_told_of_those_that_it_lacks():
+    # A child that waited for its parent's threads would never come back.
+    assert subprocess.run([sys.executable, "-c", FORK], timeout=300).returncode == 0

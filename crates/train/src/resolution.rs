@@ -10,6 +10,7 @@
 //! training.
 
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
@@ -92,6 +93,20 @@ fn auto(iterations: u32, round_interval: u32, smallest_side_px: u32) -> Vec<Stag
 /// Returns the reduction at `step` (1 for the first).
 pub(crate) fn factor_at(stages: &[Stage], step: u32) -> u32 {
     stages.iter().rev().find(|stage| stage.after_step < step).map_or(1, |stage| stage.factor)
+}
+
+/// The work per splat of a step, as a part of the work per pixel at full resolution with one sample
+/// a pixel: it does not depend on the resolution.
+const WORK_PER_SPLAT: f64 = 0.1;
+
+/// Returns the work of `steps` (1 for the first), in steps at full resolution with one sample a
+/// pixel. `samples_at` is the number of samples along a pixel's side.
+pub(crate) fn work(stages: &[Stage], steps: RangeInclusive<u32>, samples_at: impl Fn(u32) -> u8) -> f64 {
+    let of_step = |step: u32| {
+        let side = f64::from(samples_at(step)) / f64::from(factor_at(stages, step));
+        (side * side + WORK_PER_SPLAT) / (1.0 + WORK_PER_SPLAT)
+    };
+    steps.map(of_step).sum()
 }
 
 impl FromStr for ResolutionSchedule {
@@ -215,6 +230,18 @@ mod tests {
         let stages = "4,2@1500,1@4000".parse::<ResolutionSchedule>().unwrap().stages(30_000, 100, 400);
         assert_eq!([1, 1500, 1501, 4000, 4001, u32::MAX].map(|step| factor_at(&stages, step)), [4, 4, 2, 2, 1, 1]);
         assert_eq!(factor_at(&[], 5), 1);
+    }
+
+    #[test]
+    fn work_follows_the_pixels_of_each_step() {
+        let stages = "8,4@100,1@200".parse::<ResolutionSchedule>().unwrap().stages(30_000, 100, 800);
+        let work = |steps| work(&stages, steps, |step| if step > 900 { 2 } else { 1 });
+        let of = |pixels: f64| (pixels + WORK_PER_SPLAT) / (1.0 + WORK_PER_SPLAT);
+        assert!((work(1..=100) / 100.0 - of(1.0 / 64.0)).abs() < 1e-9);
+        assert!((work(101..=200) / 100.0 - of(1.0 / 16.0)).abs() < 1e-9);
+        assert!((work(201..=900) - 700.0).abs() < 1e-9);
+        assert!((work(1..=1000) - work(1..=300) - work(301..=1000)).abs() < 1e-9 && work(901..=1000) > 300.0);
+        assert_eq!(work(1001..=1000), 0.0);
     }
 
     #[test]

@@ -46,7 +46,7 @@ use crate::state::State;
 use crate::validation_views::ValidationView;
 use crate::views::TrainingViews;
 use crate::vignetting::Lenses;
-use crate::{Schedule, TrainConfig, TrainError};
+use crate::{Schedule, TrainConfig, TrainError, resolution};
 
 /// A training run.
 pub struct Trainer {
@@ -122,6 +122,15 @@ impl Trainer {
     /// resolution.
     pub fn downscale(&self) -> u32 {
         self.views.factor(self.state.iteration.saturating_add(1))
+    }
+
+    /// Returns the steps that are left, in steps as costly as the last `made` ones on average: the
+    /// number of pixels of a step changes over a run.
+    pub fn steps_left_at_pace(&self, made: u32) -> f64 {
+        let (step, end) = (self.state.iteration, self.state.config.iterations);
+        let work = |steps| resolution::work(self.views.stages(), steps, |step| self.schedule.samples(step));
+        let of_made = work(step.saturating_sub(made) + 1..=step);
+        if of_made > 0.0 { work(step + 1..=end) * f64::from(made.min(step)) / of_made } else { f64::from(end.saturating_sub(step)) }
     }
 
     /// Returns whether all steps are done.

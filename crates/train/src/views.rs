@@ -132,6 +132,11 @@ impl TrainingViews {
         factor_at(&self.stages, step)
     }
 
+    /// Returns the stages of the resolution.
+    pub(crate) fn stages(&self) -> &[Stage] {
+        &self.stages
+    }
+
     /// Returns the factor by which gradients of positions on screen are larger at `step` than in
     /// whole views, for crops of at most `side_px` pixels a side.
     pub(crate) fn gradient_factor(&self, step: u32, side_px: u32) -> f32 {

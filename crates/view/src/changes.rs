@@ -4,8 +4,8 @@
 //! little-endian numbers as in [`crate::splats`]: the length of the head (u32), the head (JSON), a
 //! bit for each splat that is removed if any is, a bit for each that changed if any did, and of
 //! each changed row the new numbers of the changed splats. All but the bits of rows beyond half
-//! floats is what a copy of the edited scene would have: edits of light change the harmonics and
-//! the raw luminance alone. Bits begin with the lowest of the first byte, and are padded to a
+//! floats is what a copy of the edited scene would have: edits of light change gains, and
+//! some of them harmonics. Bits begin with the lowest of the first byte, and are padded to a
 //! multiple of 4 bytes.
 
 use bytes::Bytes;
@@ -13,7 +13,7 @@ use luxel_core::Splats;
 use luxel_core::engine::ParameterRows;
 use serde::Serialize;
 
-use crate::splats::{RowKind, body_with_head, is_half_row, parameter, push_row};
+use crate::splats::{GAIN_ROW, RowKind, body_with_head, is_half_row, parameter, push_row};
 
 /// The head of a body of changes.
 #[derive(Debug, Serialize)]
@@ -35,19 +35,19 @@ struct ChangedRow {
 pub(crate) fn pack_changes(before: &Splats, after: &Splats, is_removed: impl Fn(usize) -> bool) -> Bytes {
     let layout = ParameterRows { color_model: before.color_model };
     let splats = before.len();
-    let (k, m) = (3 * before.color_model.sh_coefficients(), before.color_model.luminance_coefficients());
+    let candidates: Vec<usize> = (ParameterRows::SH..layout.count()).chain([layout.count() + GAIN_ROW]).collect();
     let removed: Vec<bool> = (0..splats).map(is_removed).collect();
     let mut changed = Vec::new();
     let mut is_changed = vec![false; splats];
-    let mut rows = vec![false; k + m];
+    let mut rows = vec![false; candidates.len()];
     for splat in (0..splats).filter(|splat| !removed[*splat]) {
-        let numbers = |splats: &Splats| splats.sh_of(splat).iter().chain(splats.raw_luminance_of(splat)).map(|v| v.to_bits()).collect();
-        let [old, new]: [Vec<u32>; 2] = [before, after].map(numbers);
-        if old == new {
-            continue;
+        let mut is_same = true;
+        for (changes, row) in rows.iter_mut().zip(&candidates) {
+            let [old, new] = [before, after].map(|splats| parameter(splats, layout, *row, splat).to_bits());
+            (*changes, is_same) = (*changes || old != new, is_same && old == new);
         }
-        for (row, (old, new)) in rows.iter_mut().zip(old.iter().zip(&new)) {
-            *row |= old != new;
+        if is_same {
+            continue;
         }
         is_changed[splat] = true;
         changed.push(splat);
@@ -59,7 +59,7 @@ pub(crate) fn pack_changes(before: &Splats, after: &Splats, is_removed: impl Fn(
         }
     }
     let mut kinds = Vec::new();
-    for row in (0..k + m).filter(|row| rows[*row]).map(|row| ParameterRows::SH + row) {
+    for (row, _) in candidates.into_iter().zip(rows).filter(|(_, changes)| *changes) {
         let values: Vec<f32> = changed.iter().map(|splat| parameter(after, layout, row, *splat)).collect();
         let is_half = is_half_row(layout, row, &values);
         push_row(&mut planes, &values, is_half);
@@ -104,9 +104,7 @@ mod tests {
         assert_eq!(bits(planes, 100), [3, 64]);
         planes = &planes[16..];
         let expected: Vec<usize> = (0..100)
-            .filter(|i| {
-                before.splats.sh_of(*i) != after.splats.sh_of(*i) || before.splats.raw_luminance_of(*i) != after.splats.raw_luminance_of(*i)
-            })
+            .filter(|i| before.splats.gain_of(*i) != after.splats.gain_of(*i) || before.splats.sh_of(*i) != after.splats.sh_of(*i))
             .filter(|i| ![3, 64].contains(i))
             .collect();
         assert!(expected.len() > 40 && expected.len() < 60);

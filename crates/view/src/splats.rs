@@ -3,7 +3,8 @@
 //! In: a scene and the options that it is rendered with. Out: one body of little-endian numbers:
 //! the length of the head (u32), the head (JSON, padded with blanks to a multiple of 4 bytes), and
 //! the rows of [`ParameterRows`], one after the other, each with a number for every splat and
-//! padded to a multiple of 4 bytes; the 3D filter is the last row where there is one.
+//! padded to a multiple of 4 bytes; behind them the 3D filter, where there is one or gains follow,
+//! and the gains of edits ([`GAIN_ROW`]), where there are any.
 //!
 //! Harmonics above degree 0 may be half floats: a relative error of at most 4.9e-4 in coefficients
 //! that change a splat's colour with direction. All else is exact. A row with a value beyond the
@@ -34,6 +35,9 @@ pub(crate) enum RowKind {
     F16,
 }
 
+/// Place of the gains of edits behind the rows of parameters.
+pub(crate) const GAIN_ROW: usize = 1;
+
 /// Largest half float.
 const LARGEST_HALF: f32 = 65504.0;
 
@@ -41,12 +45,18 @@ const LARGEST_HALF: f32 = 65504.0;
 pub(crate) fn body_bytes(splats: &Splats, precision: Precision) -> u64 {
     let layout = ParameterRows { color_model: splats.color_model };
     let halves = harmonics_above_0(layout).len() as u64;
-    let rows = layout.count() as u64 + u64::from(!splats.smoothing.is_empty());
+    let rows = rows_of(splats) as u64;
     let bytes = match precision {
         Precision::Single => 4 * rows,
         Precision::Half => 4 * (rows - halves) + 2 * halves,
     };
     bytes * splats.len() as u64
+}
+
+/// Returns the number of rows.
+fn rows_of(splats: &Splats) -> usize {
+    let behind = if splats.gain.is_empty() { usize::from(!splats.smoothing.is_empty()) } else { GAIN_ROW + 1 };
+    ParameterRows { color_model: splats.color_model }.count() + behind
 }
 
 /// Returns the rows of harmonics above degree 0.
@@ -58,7 +68,7 @@ fn harmonics_above_0(layout: ParameterRows) -> std::ops::Range<usize> {
 pub(crate) fn pack(scene: &Scene, options: &RenderOptions, precision: Precision) -> Bytes {
     let splats = &scene.splats;
     let layout = ParameterRows { color_model: splats.color_model };
-    let rows = layout.count() + usize::from(!splats.smoothing.is_empty());
+    let rows = rows_of(splats);
     let mut planes = Vec::with_capacity(body_bytes(splats, precision) as usize + 4 * rows);
     let mut kinds = Vec::with_capacity(rows);
     let mut values = Vec::with_capacity(splats.len());
@@ -110,7 +120,8 @@ pub(crate) fn parameter(splats: &Splats, layout: ParameterRows, row: usize, spla
         _ if row < ParameterRows::SH => splats.opacity_logit.get(splat),
         _ if row < layout.luminance() => splats.sh_of(splat).get(row - ParameterRows::SH),
         _ if row < layout.count() => splats.raw_luminance_of(splat).get(row - layout.luminance()),
-        _ => splats.smoothing.get(splat),
+        _ if row == layout.count() => splats.smoothing.get(splat),
+        _ => return splats.gain_of(splat),
     };
     value.copied().unwrap_or(0.0)
 }
@@ -136,7 +147,7 @@ fn head(scene: &Scene, options: &RenderOptions, kinds: &[RowKind]) -> Value {
             "near": cutoffs.near,
             "dilationPx2": antialias.dilation_px2(),
             "compensatesOpacity": antialias.compensates_opacity(),
-            "smooths": antialias == Antialias::Mip,
+            "smooths": antialias == Antialias::Mip && !scene.splats.smoothing.is_empty(),
             "samples": raster.samples.clamp(1, MAX_SAMPLES),
             "activeDegree": (*active_degree).min(luxel_core::sh::MAX_DEGREE),
             "background": background,

@@ -2,7 +2,7 @@
 // of pictures that are not whole, the clock of the page.
 
 import assert from "node:assert/strict";
-import { at, near, open, run, serve, set, settled, shot } from "../harness.mjs";
+import { at, browser, near, newPage, open, run, serve, set, settled, shot, url } from "../harness.mjs";
 
 /** Holds back coverage and depth, which follow a full picture; returns what lets them through. */
 async function withoutDepth(page) {
@@ -27,6 +27,25 @@ async function withoutDepth(page) {
 }
 
 export default {
+  async "a word stands where the first picture will be"() {
+    const page = await newPage(browser, { viewport: { width: 640, height: 400 } });
+    let release = () => undefined;
+    const released = new Promise((resolve) => (release = resolve));
+    const isFrame = ({ pathname }) => pathname === "/api/frame";
+    await page.route(isFrame, async (route) => {
+      await released;
+      await route.continue().catch(() => undefined);
+    });
+    await page.goto(`${url}${at}`);
+    const word = page.locator("#waiting");
+    await word.waitFor({ state: "visible" });
+    assert.match(await word.textContent(), /first picture/);
+    release();
+    await settled(page);
+    assert.ok(await word.isHidden());
+    await page.close();
+  },
+
   async "clicks before the depth of a picture is there wait for it"() {
     const page = await open(at);
     const { x, y, width, height } = await page.locator("#picture").boundingBox();

@@ -361,7 +361,7 @@ pub(crate) fn scene_luminance(scene: &Scene) -> Vec<f32> {
 }
 
 fn parameter_bytes(splats: &Splats) -> usize {
-    let floats = splats.len() * (3 + 4 + 3 + 1) + splats.sh.len() + splats.raw_luminance.len() + splats.smoothing.len();
+    let floats = splats.len() * (3 + 4 + 3 + 1) + splats.sh.len() + splats.raw_luminance.len() + splats.smoothing.len() + splats.gain.len();
     floats * size_of::<f32>()
 }
 

@@ -32,6 +32,8 @@ pub(crate) enum LogFormat {
 /// Time between plain progress lines: short enough to see progress, long enough for a readable log
 /// of a night.
 const LINE_INTERVAL: Duration = Duration::from_secs(5);
+/// A bar shows the time left from this part of its steps on.
+const LEAST_KNOWN: u64 = 20;
 /// Time between lines about many runs together, which take hours.
 const OVERALL_INTERVAL: Duration = Duration::from_secs(30);
 
@@ -201,7 +203,9 @@ impl Console {
     pub(crate) fn step(&self, step: u32) {
         if let Some(bar) = &*self.bar.borrow() {
             bar.set_position(step.into());
-            if !self.has_numbers.get() {
+            // The first steps of many tell little, and those of a training cost less than the later ones.
+            let is_known = u64::from(step) * LEAST_KNOWN >= bar.length().unwrap_or(0);
+            if is_known && !self.has_numbers.get() {
                 bar.set_message(format!("{} left", text::duration(bar.eta())));
             }
         }

@@ -1,10 +1,9 @@
 //! Application of an edit to a scene.
 //!
-//! In: a scene, and each splat's share of painted masks. Out: the same scene with other colour
-//! coefficients. These stay bit-identical: geometry and opacity; chromaticity, where the model
-//! separates luminance; and all of a splat whose weight is 0 or whose luminance the maps do not
-//! change. See [`crate::ColorModel::scale_radiance`], and [`super::ShMap`] for harmonics of
-//! radiance under maps other than plain gains.
+//! In: a scene, and each splat's share of painted masks. Out: the same scene with other gains
+//! ([`crate::Splats::gain`]; of a mix, the gains of its lights). All else stays bit-identical, and
+//! with it the cut-offs, except for harmonics of radiance under maps other than plain gains: see
+//! [`super::ShMap`].
 
 use super::refit::{Refit, SplatMap};
 use super::{Edit, EditError, Map, MapChain, MaskShares, ShMap};
@@ -64,24 +63,19 @@ impl Edit {
             return Ok(Applied { edit, weights, hue_shift: None });
         }
         let parts = parts(&edit.maps, scene.splats.color_model)?;
-        let before = (scene.splats.sh.clone(), scene.splats.raw_luminance.clone());
+        let mut changed = scene.splats.clone();
         let mut hue_shift = None;
         for part in &parts {
-            let changed = match part {
-                Part::Luminance(chain) => recolored(scene, chain, &weights, sh_map),
-                Part::Light { component, gain } => relit(scene, *component, *gain, &weights).map(|colors| (colors, None)),
-            };
-            match changed {
-                Ok((colors, shift)) => {
-                    (scene.splats.sh, scene.splats.raw_luminance) = colors;
-                    hue_shift = shift;
-                }
-                Err(error) => {
-                    (scene.splats.sh, scene.splats.raw_luminance) = before;
-                    return Err(error);
-                }
+            match part {
+                Part::Luminance(chain) => hue_shift = recolor(&mut changed, scene, chain, &weights, sh_map)?,
+                Part::Light { component, gain } => relight(&mut changed, *component, *gain, &weights),
+            }
+            if let Some(splat) = (0..changed.len()).find(|i| !changed.base_luminance(*i).is_finite()) {
+                return Err(EditError::Overflow { splat, luminance: scene.luminance(splat) });
             }
         }
+        changed.settle_gains();
+        scene.splats = changed;
         scene.edits.push(edit.to_string());
         Ok(Applied { edit, weights, hue_shift })
     }
@@ -109,51 +103,41 @@ fn part(run: &[Map], model: ColorModel) -> Result<Part<'_>, EditError> {
     if exists { Ok(Part::Light { component, gain }) } else { Err(EditError::Light { number, lights }) }
 }
 
-/// New `sh` and `raw_luminance`.
-type Colors = (Vec<f32>, Vec<f32>);
-
-/// New colours, and the hue shift.
-type Recolored = (Colors, Option<f64>);
-
 /// Multiplies the gain of a light, faded by the weights.
-fn relit(scene: &Scene, component: Component, gain: f32, weights: &[f32]) -> Result<Colors, EditError> {
-    let mut raw = scene.splats.raw_luminance.clone();
-    let m = scene.splats.color_model.luminance_coefficients().max(1);
-    for (raw, weight) in raw.chunks_exact_mut(m).zip(weights).filter(|(_, weight)| **weight > 0.0) {
+fn relight(splats: &mut Splats, component: Component, gain: f32, weights: &[f32]) {
+    let m = splats.color_model.luminance_coefficients().max(1);
+    for (raw, weight) in splats.raw_luminance.chunks_exact_mut(m).zip(weights).filter(|(_, weight)| **weight > 0.0) {
         component.scale(raw, if *weight >= 1.0 { gain } else { gain.powf(*weight) });
     }
-    if let Some(at) = raw.iter().position(|value| !value.is_finite()) {
-        return Err(EditError::Overflow { splat: at / m, luminance: scene.luminance(at / m) });
-    }
-    Ok((scene.splats.sh.clone(), raw))
 }
 
-fn recolored(scene: &Scene, chain: &MapChain<'_>, weights: &[f32], sh_map: ShMap) -> Result<Recolored, EditError> {
-    let Splats { color_model: model, .. } = scene.splats;
+/// Maps the luminance of splats of `scene`, and returns the hue shift where there may be one.
+fn recolor(splats: &mut Splats, scene: &Scene, chain: &MapChain<'_>, weights: &[f32], sh_map: ShMap) -> Result<Option<f64>, EditError> {
+    let model = splats.color_model;
     let (k, m) = (3 * model.sh_coefficients(), model.luminance_coefficients());
-    let (mut sh, mut raw) = (scene.splats.sh.clone(), scene.splats.raw_luminance.clone());
     // A gain scales harmonics exactly; the result of any other map is not a sum of harmonics.
-    let refit = (!model.separates_luminance() && chain.constant_gain().is_none()).then(|| Refit::new(model));
+    let refit = (!model.separates_luminance() && chain.constant_gain().is_none()).then(|| Refit::new(model, &scene.raster.cutoffs));
     let (mut moved, mut light) = (0.0, 0.0);
     for (i, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
-        let luminance = scene.luminance(i);
-        let (sh, raw) = (&mut sh[i * k..(i + 1) * k], &mut raw[i * m..(i + 1) * m]);
-        let factor = chain.factor(luminance, *weight);
+        let factor = chain.factor(scene.radiance_scale.restored_value(splats.base_luminance(i)), *weight);
         match (&refit, factor) {
             (Some(refit), factor) => {
-                let base_factor = factor.unwrap_or(1.0);
-                let map = SplatMap { chain, kind: sh_map, weight: *weight, scale: scene.radiance_scale.get(), base_factor };
-                moved += scene.light(i) * refit.apply(sh, &map);
+                let scale = scene.radiance_scale.restored_value(splats.gain_of(i));
+                let map = SplatMap { chain, kind: sh_map, weight: *weight, scale, base_factor: factor.unwrap_or(1.0) };
+                let (gain, shift) = refit.apply(&mut splats.sh[i * k..(i + 1) * k], &map);
+                splats.scale_gain(i, gain);
+                if splats.sh_of(i).iter().any(|v| !v.is_finite()) {
+                    return Err(EditError::Overflow { splat: i, luminance: scene.luminance(i) });
+                }
+                moved += scene.light(i) * shift;
                 light += scene.light(i);
             }
-            (None, Some(factor)) if factor != 1.0 => model.scale_radiance(sh, raw, factor),
+            (None, Some(factor)) if factor != 1.0 => match model {
+                ColorModel::Mix(_) => model.scale_radiance(&mut [], &mut splats.raw_luminance[i * m..(i + 1) * m], factor),
+                _ => splats.scale_gain(i, factor),
+            },
             (None, _) => {}
         }
-        let is_finite = sh.iter().chain(raw.iter()).all(|v| v.is_finite());
-        if !(is_finite && model.base_luminance(sh, raw).is_finite()) {
-            return Err(EditError::Overflow { splat: i, luminance });
-        }
     }
-    let hue_shift = refit.map(|_| if light > 0.0 { moved / light } else { 0.0 });
-    Ok(((sh, raw), hue_shift))
+    Ok(refit.map(|_| if light > 0.0 { moved / light } else { 0.0 }))
 }

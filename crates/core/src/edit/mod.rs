@@ -1,26 +1,22 @@
 //! Edits of light: maps on the luminance of selected splats that keep geometry and chromaticity
 //! (LCD-GS, "luminance editing").
 //!
-//! In: a [`crate::Scene`]. Out: the same scene with other colour coefficients. The luminance of a
-//! splat is R + G + B of its degree-0 terms, in the units of the data set. An [`Edit`] turns it
-//! into a factor, which scales the splat's radiance in every direction.
-//! - Models that separate luminance (`Lcd`): only the luminance changes; chromaticity coefficients
-//!   stay bit-identical.
-//! - Harmonics of radiance (`Sh`): a gain is exact. Any other map is applied to evaluated colours,
-//!   and harmonics are fitted to the result, which shifts hues. [`Applied::hue_shift`] reports by
-//!   how much.
-//! - Mixes ([`crate::Mix`]): maps change the gains of all lights by the same factor, so that every
-//!   light's coefficients stay bit-identical; [`Map::Light`] changes the gains of one.
+//! In: a [`crate::Scene`]. Out: the same scene with other gains ([`crate::Splats::gain`]). The
+//! luminance of a splat is R + G + B of its degree-0 terms, in the units of the data set. An
+//! [`Edit`] turns it into a factor, which scales the splat's radiance in every direction.
+//! - Models that separate luminance (`Lcd`): all coefficients stay bit-identical.
+//! - Harmonics of radiance (`Sh`): so they do under a gain. Any other map is applied to evaluated
+//!   colours, and harmonics are fitted to the result, which shifts hues. [`Applied::hue_shift`]
+//!   reports by how much.
+//! - Mixes ([`crate::Mix`]): maps change the gains of all lights by the same factor, and
+//!   [`Map::Light`] those of one.
 //!
-//! Under [`crate::Cutoffs::PARITY`], a gain of all splats multiplies every pixel on a black
-//! background by that gain, up to rounding. Cut-offs that depend on radiance
-//! ([`crate::Cutoffs::HDR`]) keep more of a brighter splat's tail. There the result is exact up to
-//! the skipped contributions: for each splat over the pixel at most `min_contribution`, times the
-//! gain where it brightens. Edits change splats, not pixels: they match an edit of the image pixel
-//! by pixel where the splats of a pixel have equal luminance.
+//! Cut-offs ([`crate::Cutoffs::HDR`]) follow the radiance before the gain. So a gain of all splats
+//! multiplies every pixel on a black background by that gain, up to rounding, and no map changes a
+//! pixel that none of the selected splats reached before. Edits change splats, not pixels: they
+//! match an edit of the image pixel by pixel where the splats of a pixel have equal luminance.
 //!
-//! Degenerate: a black splat stays black. Luminances of `Lcd` models have a minimum of 1e-8
-//! normalised units, which a gain of 0 leaves.
+//! Degenerate: a black splat stays black.
 
 mod apply;
 mod display;

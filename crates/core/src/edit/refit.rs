@@ -1,7 +1,10 @@
 //! Luminance maps on spherical harmonics of radiance: evaluate, map, fit again.
 //!
-//! In: `sh [K,3]` of a splat. Out: the harmonics nearest to the mapped radiance, by least squares
-//! over [`DIRECTIONS`] fixed directions. These harmonics do not separate luminance and hue, so a
+//! In: `sh [K,3]` of a splat. Out: a gain, and the harmonics nearest to the mapped radiance before
+//! it, by least squares over [`DIRECTIONS`] fixed directions. The gain is the factor of the mean, so
+//! that cut-offs, which follow the radiance before it, stay; and more where the result would be
+//! brighter than the splat was in some direction, so that it reaches no pixel that it did not.
+//! These harmonics do not separate luminance and hue, so a
 //! map other than a plain gain shifts hue: [`ShMap::Channels`] by definition, and both modes by
 //! what harmonics of the same degree cannot represent.
 //!
@@ -14,7 +17,7 @@
 
 use super::MapChain;
 use crate::sh::{self, MAX_COEFFICIENTS};
-use crate::{ColorModel, MAX_EXP_ARGUMENT, SH_OFFSET, least_squares, luminance_sum};
+use crate::{ColorModel, Cutoffs, MAX_EXP_ARGUMENT, SH_OFFSET, least_squares, luminance_sum};
 
 /// Number of fixed directions: four for each harmonic of the highest degree.
 const DIRECTIONS: usize = 4 * MAX_COEFFICIENTS;
@@ -34,7 +37,10 @@ pub enum ShMap {
 
 /// A basis of harmonics in fixed directions, and its pseudo-inverse.
 pub(super) struct Refit {
+    model: ColorModel,
     scale: FitScale,
+    /// Radiance up to which cut-offs are the same, normalised units.
+    same_reach: f32,
     /// Number K of coefficients.
     coefficients: usize,
     /// Basis values, one row per direction.
@@ -74,7 +80,7 @@ pub(super) struct SplatMap<'m> {
     pub(super) kind: ShMap,
     /// Weight of the selection.
     pub(super) weight: f32,
-    /// Luminance of one normalised unit, in the units of the data set.
+    /// Luminance of one unit of the harmonics, in those of the data set.
     pub(super) scale: f32,
     /// Factor of the degree-0 term.
     pub(super) base_factor: f32,
@@ -85,7 +91,12 @@ impl SplatMap<'_> {
         self.chain.factor(luminance * self.scale, self.weight).unwrap_or(self.base_factor)
     }
 
-    /// Maps radiance that is not clipped.
+    /// Returns the factor of the mean, where there is any light after it.
+    fn gain(&self) -> f32 {
+        if self.base_factor > 0.0 { self.base_factor } else { 1.0 }
+    }
+
+    /// Maps radiance that is not clipped, without the gain.
     fn apply(&self, rgb: [f32; 3]) -> [f32; 3] {
         let shared = match self.kind {
             ShMap::Luminance => Some(self.factor(luminance_sum(rgb.map(|c| c.max(0.0))))),
@@ -98,14 +109,14 @@ impl SplatMap<'_> {
                 // Grey of luminance L has channels of L / 3.
                 None => self.factor(3.0 * c),
             };
-            c * factor
+            c * (factor / self.gain())
         })
     }
 }
 
 impl Refit {
     /// Makes the basis for a model that does not separate luminance.
-    pub(super) fn new(model: ColorModel) -> Self {
+    pub(super) fn new(model: ColorModel, cutoffs: &Cutoffs) -> Self {
         let scale = if matches!(model, ColorModel::LogSh { .. }) { FitScale::Log } else { FitScale::Linear };
         let degree = model.sh_degree();
         let coefficients = sh::coefficients(degree);
@@ -116,17 +127,17 @@ impl Refit {
         };
         let values: Vec<_> = sh::lattice(DIRECTIONS).into_iter().map(basis).collect();
         let fit = pseudo_inverse(&values, coefficients);
-        Self { scale, coefficients, values, fit }
+        Self { model, scale, same_reach: cutoffs.min_contribution / cutoffs.min_alpha, coefficients, values, fit }
     }
 
-    /// Replaces `sh [K,3]` and returns the change of chromaticity: the sum of the channels'
-    /// differences, 0 to 2, averaged over directions.
-    pub(super) fn apply(&self, sh: &mut [f32], map: &SplatMap<'_>) -> f64 {
+    /// Replaces `sh [K,3]` and returns the gain and the change of chromaticity: the sum of the
+    /// channels' differences, 0 to 2, averaged over directions.
+    pub(super) fn apply(&self, sh: &mut [f32], map: &SplatMap<'_>) -> (f32, f64) {
         let before: Vec<[f32; 3]> = self.values.iter().map(|y| self.radiance(sh, y)).collect();
         let targets: Vec<[f32; 3]> = before.iter().map(|rgb| map.apply(*rgb)).collect();
         // Exact comparison: what the map does not change keeps its bits.
         if targets == before {
-            return 0.0;
+            return (map.gain(), 0.0);
         }
         let mut fitted = [[0f64; 3]; MAX_COEFFICIENTS];
         for (target, fit) in targets.iter().zip(&self.fit) {
@@ -138,8 +149,25 @@ impl Refit {
         for (to, from) in sh.iter_mut().zip(fitted.as_flattened()) {
             *to = *from as f32;
         }
-        let moved = before.iter().zip(&self.values).map(|(rgb, y)| super::chromaticity_distance(*rgb, self.radiance(sh, y)).unwrap_or(0.0));
-        moved.sum::<f64>() / DIRECTIONS as f64
+        let after: Vec<[f32; 3]> = self.values.iter().map(|y| self.radiance(sh, y)).collect();
+        let moved = before.iter().zip(&after).map(|(before, after)| super::chromaticity_distance(*before, *after).unwrap_or(0.0));
+        let brighter = self.brighter(&before, &after);
+        if brighter > 1.0 {
+            self.model.scale_radiance(sh, &mut [], 1.0 / brighter);
+        }
+        (map.gain() * brighter, moved.sum::<f64>() / DIRECTIONS as f64)
+    }
+
+    /// Returns by how much the radiance rose in the direction where it rose most, as far as cut-offs
+    /// follow it; at least 1.
+    fn brighter(&self, before: &[[f32; 3]], after: &[[f32; 3]]) -> f32 {
+        let brightest = |rgb: &[f32; 3]| rgb.iter().copied().fold(self.same_reach, f32::max);
+        before
+            .iter()
+            .zip(after)
+            .map(|(before, after)| brightest(after) / brightest(before))
+            .filter(|ratio| ratio.is_finite())
+            .fold(1.0, f32::max)
     }
 
     /// Returns the radiance, not clipped at 0.
@@ -179,8 +207,10 @@ mod tests {
 
     fn mapped(maps: &[Map], kind: ShMap, sh: &mut [f32], degree: usize) -> f64 {
         let chain = MapChain::new(maps, 1.0);
-        Refit::new(ColorModel::Sh { degree: degree as u8 })
-            .apply(sh, &SplatMap { chain: &chain, kind, weight: 1.0, scale: 1.0, base_factor: 1.0 })
+        let (gain, moved) = Refit::new(ColorModel::Sh { degree: degree as u8 }, &Cutoffs::PARITY)
+            .apply(sh, &SplatMap { chain: &chain, kind, weight: 1.0, scale: 1.0, base_factor: 1.0 });
+        assert_eq!(gain, 1.0);
+        moved
     }
 
     #[test]
@@ -216,7 +246,7 @@ mod tests {
         let (model, power) = (ColorModel::LogSh { degree: 3 }, [Map::Power { exponent: 0.7, pivot: Some(3.0) }]);
         let before = harmonics(3, 1.5, 0.6);
         let mut after = before.clone();
-        let (refit, chain) = (Refit::new(model), MapChain::new(&power, 1.0));
+        let (refit, chain) = (Refit::new(model, &Cutoffs::PARITY), MapChain::new(&power, 1.0));
         refit.apply(&mut after, &SplatMap { chain: &chain, kind: ShMap::Channels, weight: 1.0, scale: 1.0, base_factor: 1.0 });
         for (after, before) in after[3..].iter().zip(&before[3..]) {
             assert!((after - 0.7 * before).abs() < 1e-5, "{after} {before}");
@@ -233,7 +263,7 @@ mod tests {
         let before = harmonics(2, 0.5, 0.02);
         let mut after = before.clone();
         mapped(&power, ShMap::Luminance, &mut after, 2);
-        let (refit, chain) = (Refit::new(ColorModel::Sh { degree: 2 }), MapChain::new(&power, 1.0));
+        let (refit, chain) = (Refit::new(ColorModel::Sh { degree: 2 }, &Cutoffs::PARITY), MapChain::new(&power, 1.0));
         for y in &refit.values {
             let (a, b) = (refit.radiance(&after, y), refit.radiance(&before, y));
             let factor = chain.factor(luminance_sum(b), 1.0).unwrap();

@@ -11,7 +11,7 @@ fn lcd(luminance_degree: u8, activation: Activation) -> ColorModel {
 fn exact_models() -> Vec<ColorModel> {
     let mut models = vec![ColorModel::Sh { degree: 0 }, ColorModel::Sh { degree: 3 }, ColorModel::Sh { degree: 5 }];
     models.extend([Activation::Softplus, Activation::Exp, Activation::Relu].map(|a| lcd(0, a)));
-    models.extend([lcd(2, Activation::Exp), lcd(3, Activation::Relu)]);
+    models.extend([lcd(2, Activation::Exp), lcd(3, Activation::Relu), lcd(2, Activation::Softplus)]);
     models
 }
 
@@ -102,23 +102,6 @@ proptest! {
         }
     }
 
-    /// Softplus above degree 0: the error is second order in the view-dependent part.
-    #[test]
-    fn gain_of_view_dependent_softplus_is_first_order_exact(gain_ev in -4f32..4.0, ev in -3f32..9.0) {
-        let gain = gain_ev.exp2();
-        let before = scene(lcd(2, Activation::Softplus), &[ev], 0.02);
-        let mut after = before.clone();
-        apply(&mut after, &format!("gain {gain}")).unwrap();
-        for direction in DIRECTIONS {
-            let (a, b) = (after.splats.radiance(0, direction), before.splats.radiance(0, direction));
-            for c in 0..3 {
-                prop_assert!((a[c] - gain * b[c]).abs() <= 0.01 * gain * b[c] + 1e-6, "{} {}", a[c], gain * b[c]);
-            }
-        }
-    }
-
-    /// Tolerance: 1e-4 of the luminance, and 1e-7 where the edit brings it near the minimum of 1e-8
-    /// normalised units.
     #[test]
     fn an_edit_and_its_inverse_give_back_the_scene(ev in -10f32..10.0, stops in -8f32..8.0, exponent in 0.4f32..2.5, ratio in 0.5f32..4.0) {
         let amount = 1.0 - 1.0 / ratio;
@@ -137,13 +120,12 @@ proptest! {
                 apply(&mut after, inverse).unwrap();
                 prop_assert_eq!(&after.splats.sh, &before.splats.sh);
                 let (a, b) = (after.luminance(0), before.luminance(0));
-                prop_assert!((a - b).abs() <= 1e-4 * b + 1e-7, "{} of {}: {} became {}", edit, model.name(), b, a);
+                prop_assert!((a - b).abs() <= 1e-4 * b, "{} of {}: {} became {}", edit, model.name(), b, a);
             }
         }
     }
 
-    /// Only gains are invertible on harmonics. Radiance darker than f32 resolves beside the offset
-    /// of 1/2 is lost.
+    /// Only gains are invertible on harmonics.
     #[test]
     fn a_gain_of_harmonics_and_its_inverse_give_back_the_scene(ev in -10f32..10.0, stops in -8f32..8.0) {
         for degree in [0, 3, 5] {
@@ -151,9 +133,9 @@ proptest! {
             let mut after = before.clone();
             apply(&mut after, &format!("stops {stops}")).unwrap();
             apply(&mut after, &format!("stops {}", -stops)).unwrap();
-            for (a, b) in after.splats.sh.iter().zip(&before.splats.sh) {
-                prop_assert!((a - b).abs() <= 4e-7 * b.abs() + 1e-6 * (1.0 + (-stops).exp2()), "{}: {} became {}", stops, b, a);
-            }
+            prop_assert_eq!(&after.splats.sh, &before.splats.sh);
+            let (a, b) = (after.luminance(0), before.luminance(0));
+            prop_assert!((a - b).abs() <= 1e-6 * b, "{}: {} became {}", stops, b, a);
         }
     }
 
@@ -165,7 +147,7 @@ proptest! {
             let before = scene(lcd(2, activation), &[-4.0, 0.0, 5.0], 0.1);
             let mut after = before.clone();
             apply(&mut after, &format!("where L > 0.5 ~{feather} or L < 0.2; {map}")).unwrap();
-            let restored = Splats { raw_luminance: before.splats.raw_luminance.clone(), ..after.splats };
+            let restored = Splats { gain: Vec::new(), ..after.splats };
             prop_assert_eq!(&restored, &before.splats);
             prop_assert_eq!((after.radiance_scale.get(), after.raster, after.edits.len()), (SCALE, before.raster, 1));
         }
@@ -249,7 +231,8 @@ fn only_selected_splats_change() {
             assert_eq!(applied.weights, [0.0, 1.0, 0.0]);
             for i in 0..3 {
                 let (a, b) = (&after.splats, &before.splats);
-                assert_eq!(a.sh_of(i) == b.sh_of(i) && a.raw_luminance_of(i) == b.raw_luminance_of(i), i != 1, "{map} {}", model.name());
+                assert_eq!((a.sh_of(i), a.gain_of(i)) == (b.sh_of(i), 1.0), i != 1, "{map} {}", model.name());
+                assert_eq!(a.raw_luminance, b.raw_luminance);
             }
         }
     }
@@ -262,7 +245,7 @@ fn what_a_map_leaves_alone_keeps_its_bits() {
         let mut after = before.clone();
         apply(&mut after, "compress-above 1:3").unwrap();
         let (a, b) = (&after.splats, &before.splats);
-        assert_eq!((a.sh_of(0), a.raw_luminance_of(0)), (b.sh_of(0), b.raw_luminance_of(0)), "{}", model.name());
+        assert_eq!((a.sh_of(0), a.raw_luminance_of(0), a.gain_of(0)), (b.sh_of(0), b.raw_luminance_of(0), 1.0), "{}", model.name());
         assert!(close(after.luminance(1), 2.0, 1.0), "{} {}", after.luminance(1), model.name());
     }
 }

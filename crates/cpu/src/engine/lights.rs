@@ -5,7 +5,7 @@
 
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{DeepImage, Evaluations};
-use luxel_core::{EngineError, Image, Layers, Remedy};
+use luxel_core::{EngineError, Image, Layers, Remedy, Splats};
 
 use super::state::{State, final_pixels};
 use crate::passes::bin::ScreenSplats;
@@ -116,6 +116,6 @@ impl State {
 
     /// Checks that the scene can be trained.
     pub(super) fn check_trainable(&self) -> Result<(), EngineError> {
-        self.parameters.layout.color_model.check_trainable()
+        Splats::check_trainable(self.parameters.layout.color_model, &self.gain)
     }
 }

@@ -24,6 +24,7 @@ use crate::passes::adam::Optimizer;
 use crate::passes::bin::{Bins, ScreenSplats};
 use crate::passes::camera_backward::camera_backward;
 use crate::passes::densify;
+use crate::passes::gain::apply_gains;
 use crate::passes::loss::{LossBuffers, LossSums};
 use crate::passes::project::{Footprint, resize_for};
 use crate::passes::project_all::project;
@@ -51,6 +52,8 @@ pub(super) struct State {
     spare_gradients: Vec<SparseGradients>,
     /// 3D filter by block; empty if the scene has none.
     smoothing: Vec<Lanes>,
+    /// Gains of edits; empty if the scene has none, as in training.
+    pub(super) gain: Vec<f32>,
     stats: DensifyStats,
     pub(super) frame: Frame,
     /// The update of the last step, deferred until the next view is known: then the update and the
@@ -138,6 +141,7 @@ impl State {
             spare: Buffer::zeros(0),
             spare_gradients: Vec::new(),
             smoothing: Vec::new(),
+            gain: Vec::new(),
             stats: DensifyStats::default(),
             frame: Frame::new(),
             pending: None,
@@ -160,6 +164,7 @@ impl State {
             Some(moments) => MomentStore::from_moments(self.moment_format, moments),
         };
         self.smoothing = smoothing_lanes(&splats.smoothing);
+        self.gain.clone_from(&splats.gain);
         self.stats = DensifyStats::zeros(splats.len());
     }
 
@@ -171,7 +176,7 @@ impl State {
     /// Copies the scene.
     pub(super) fn splats(&mut self) -> Splats {
         self.finish();
-        let mut splats = self.parameters.to_splats();
+        let mut splats = Splats { gain: self.gain.clone(), ..self.parameters.to_splats() };
         if !self.smoothing.is_empty() {
             splats.smoothing = bytemuck::cast_slice(&self.smoothing)[..self.parameters.count].to_vec();
         }
@@ -202,6 +207,7 @@ impl State {
         self.finish();
         self.parameters.fill_from(splats);
         self.smoothing = smoothing_lanes(&splats.smoothing);
+        self.gain.clone_from(&splats.gain);
     }
 
     /// Copies what densification policy looks at.
@@ -278,6 +284,7 @@ impl State {
     /// Runs the passes up to the image, of the camera's light.
     pub(super) fn forward(&mut self, camera: &ScreenCamera, recording: Recording) {
         self.project(camera);
+        apply_gains(&mut self.frame.footprints, &self.gain);
         if recording == Recording::Nothing {
             self.frame.release_idle();
         }
@@ -364,17 +371,13 @@ impl State {
     pub(super) fn densify(&mut self, plan: &DensifyPlan) -> Result<(), EngineError> {
         plan.check(self.parameters.count)?;
         self.finish();
-        let Self { parameters, moments, spare, smoothing, stats, timings, .. } = self;
+        let Self { parameters, moments, spare, smoothing, gain, stats, timings, .. } = self;
         let mut clock = Clock::new(timings);
         moments.densify(parameters, plan, spare);
         densify::apply(parameters, plan, spare);
-        if let Some(values) = &plan.smoothing {
-            *smoothing = smoothing_lanes(values);
-        } else if !smoothing.is_empty() {
-            let old: &[f32] = bytemuck::cast_slice(smoothing);
-            let kept: Vec<f32> = plan.rows.iter().map(|row| old[row.source as usize]).collect();
-            *smoothing = smoothing_lanes(&kept);
-        }
+        let of_sources = |old: &[f32]| plan.rows.iter().filter_map(|row| old.get(row.source as usize)).copied().collect::<Vec<_>>();
+        *gain = of_sources(gain);
+        *smoothing = smoothing_lanes(&plan.smoothing.clone().unwrap_or_else(|| of_sources(bytemuck::cast_slice(smoothing))));
         *stats = DensifyStats::zeros(plan.rows.len());
         clock.lap(Pass::Densify);
         Ok(())

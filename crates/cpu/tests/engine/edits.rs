@@ -2,8 +2,8 @@
 
 use luxel_core::edit::{MaskShares, ShMap};
 use luxel_core::{
-    Activation, Antialias, Camera, ColorModel, ColorSpace, Cutoffs, Edit, Engine, Image, RadianceScale, RasterConfig, RenderOptions, Scene,
-    Splats, luminance_sum,
+    Activation, Antialias, Camera, CameraProjection, ColorModel, ColorSpace, Cutoffs, Edit, Engine, Image, RadianceScale, RasterConfig,
+    RenderOptions, Scene, Selection, Splats, luminance_sum,
 };
 use luxel_cpu::CpuEngine;
 
@@ -40,40 +40,88 @@ fn render(scene: &Scene, camera: &Camera) -> Image {
     engine.render(camera, &RenderOptions { raster: scene.raster, ..RenderOptions::default() }).unwrap()
 }
 
-/// Calls `check` with every value of the image before and after a gain, and the gain.
-fn each_value(model: ColorModel, cutoffs: Cutoffs, gain: f32, check: impl Fn(f32, f32)) {
-    let camera = fixture::camera(64, 48);
-    let before = scene(fixture::splats(model, 120, &camera, 3), cutoffs);
-    let after = render(&edited(&before, &format!("gain {gain}")), &camera);
-    for (b, a) in render(&before, &camera).pixels.as_flattened().iter().zip(after.pixels.as_flattened()) {
-        check(*b, *a);
-    }
+/// Scenes under every colour model and both kinds of cut-offs, of splats below, between and above the
+/// radiances at which cut-offs follow it.
+fn scenes(camera: &Camera) -> Vec<Scene> {
+    let lobed = ColorModel::Lcd { chroma_degree: 2, luminance_degree: 2, activation: Activation::Softplus };
+    let (sh, log) = (ColorModel::Sh { degree: 3 }, ColorModel::LogSh { degree: 2 });
+    let models = [lcd(Activation::Softplus), lcd(Activation::Exp), lcd(Activation::Relu), lobed, sh, log];
+    let mut scenes: Vec<Scene> = models.into_iter().map(|model| scene(fixture::splats(model, 150, camera, 3), Cutoffs::HDR)).collect();
+    scenes.push(scene(fixture::splats(lcd(Activation::Softplus), 150, camera, 3), Cutoffs::PARITY));
+    let lights = fixture::three_lights(camera, 150);
+    scenes.push(scene(fixture::mix(&lights.iter().map(|(splats, gain)| (splats, *gain)).collect::<Vec<_>>()), Cutoffs::HDR));
+    scenes
+}
+
+fn values(image: &Image) -> &[f32] {
+    image.pixels.as_flattened()
 }
 
 #[test]
-fn gain_multiplies_every_pixel_on_black() {
-    // Only exponents change, so the bits agree.
-    for gain in [0.25, 8.0] {
-        each_value(lcd(Activation::Relu), Cutoffs::PARITY, gain, |b, a| assert_eq!(a, gain * b));
-    }
-    // Up to the rounding of the activation's inverse, and of the offset of 1/2.
-    for gain in [0.03, 0.7, 3.0, 100.0] {
-        for model in [lcd(Activation::Softplus), lcd(Activation::Exp), lcd(Activation::Relu), ColorModel::Sh { degree: 3 }] {
-            each_value(model, Cutoffs::PARITY, gain, |b, a| {
-                assert!((a - gain * b).abs() <= 2e-5 * gain * b + 1e-6 * (1.0 + gain), "{}: {a} {}", model.name(), gain * b);
-            });
+fn a_gain_multiplies_every_pixel_whatever_it_is() {
+    for camera in [fixture::camera(64, 48), fixture::wide_camera(CameraProjection::Equirectangular, 64, 32)] {
+        for before in scenes(&camera) {
+            let found = render(&before, &camera);
+            // What is added is 0 or more, so roundings are relative to the sum.
+            for gain in [1.0 / 1024.0, 0.03, 0.7, 3.0, 100.0, 1024.0] {
+                let edited = edited(&before, &format!("gain {gain}"));
+                let label = format!("{} {:?} {gain}", before.splats.color_model.name(), before.raster.cutoffs);
+                for (b, a) in values(&found).iter().zip(values(&render(&edited, &camera))) {
+                    assert!((a - gain * b).abs() <= 1e-6 * gain * b, "{label}: {a} {}", gain * b);
+                }
+            }
+            let there_and_back = edited(&before, "gain 8\nstops -3");
+            assert_eq!(there_and_back.splats, before.splats);
         }
     }
 }
 
 #[test]
-fn cutoffs_that_follow_radiance_keep_a_gain_within_what_they_skip() {
-    for gain in [0.1, 4.0] {
-        // 120 splats, each skipped below the threshold once, and what is behind finished pixels.
-        let skipped = 120.0 * Cutoffs::HDR.min_contribution * f32::max(gain, 1.0);
-        each_value(lcd(Activation::Softplus), Cutoffs::HDR, gain, |b, a| {
-            assert!((a - gain * b).abs() <= 1e-3 * gain * b + skipped, "{a} {}", gain * b);
-        });
+fn a_map_on_a_selection_changes_the_light_of_its_splats_and_nothing_else() {
+    let camera = fixture::camera(64, 48);
+    let mut untouched = 0;
+    for before in scenes(&camera) {
+        for (selection, map) in [("L > p80", "gain 30"), ("L < p30", "gain 0.01"), ("L in p20..p60", "stops 4")] {
+            let after = edited(&before, &format!("where {selection}; {map}"));
+            let of_selected = Scene { splats: only(&before, selection), ..before.clone() };
+            let [b, a, selected] = [&before, &after, &of_selected].map(|scene| render(scene, &camera));
+            let gain = edited(&before, map).luminance(0) / before.luminance(0);
+            let label = format!("{}: {selection}; {map}", before.splats.color_model.name());
+            for ((b, a), selected) in values(&b).iter().zip(values(&a)).zip(values(&selected)) {
+                let expected = b + (gain - 1.0) * selected;
+                // The difference has the roundings of what it is made of.
+                assert!((a - expected).abs() <= 2e-6 * (b + gain * selected), "{label}: {a} {expected}");
+                assert!(*selected > 0.0 || a == b, "{label}: {a} {b} where none of the selected is");
+            }
+            untouched += values(&selected).iter().filter(|value| **value == 0.0).count();
+        }
+    }
+    assert!(untouched > 1000, "{untouched}");
+}
+
+/// Returns the splats with only the light of those that are selected.
+fn only(scene: &Scene, selection: &str) -> Splats {
+    let selection: Selection = selection.parse().unwrap();
+    let weights = selection.weights(scene, &MaskShares::new()).unwrap();
+    Splats { gain: weights, ..scene.splats.clone() }
+}
+
+#[test]
+fn harmonics_fitted_to_a_map_reach_no_pixel_that_they_did_not() {
+    let camera = fixture::camera(64, 48);
+    for model in [ColorModel::Sh { degree: 3 }, ColorModel::LogSh { degree: 2 }] {
+        let before = scene(fixture::splats(model, 150, &camera, 3), Cutoffs::HDR);
+        for selection in ["L > p80", "L in p50..p90"] {
+            for map in ["power 1.6", "power 0.5", "compress-above 0.3:4", "lift-below 20:0.7"] {
+                let after = edited(&before, &format!("where {selection}; {map}"));
+                let of_selected = Scene { splats: only(&before, selection), ..before.clone() };
+                let [b, a, selected] = [&before, &after, &of_selected].map(|scene| render(scene, &camera));
+                let outside = || (0..b.pixels.len()).filter(|i| selected.pixels[*i] == [0.0; 3]);
+                let changed = outside().filter(|i| a.pixels[*i] != b.pixels[*i]).count();
+                assert_eq!(changed, 0, "{}: {selection}; {map}", model.name());
+                assert!(outside().count() > 100 && a != b);
+            }
+        }
     }
 }
 

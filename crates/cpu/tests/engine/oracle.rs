@@ -268,7 +268,7 @@ fn project<N: Number>(p: &Parameters<N>, i: usize, camera: &Camera, options: &Re
         mean_px,
         conic: [dilated_yy / determinant, -xy / determinant, dilated_xx / determinant],
         opacity,
-        radiance,
+        radiance: radiance.map(|c| c * N::of(p.splats.gain_of(i).into())),
         threshold: f64::from(cutoffs.min_alpha).min(by_contribution).max(cutoffs.alpha_floor.into()),
         plane: plane.map(|plane| plane.axes),
     })

@@ -41,6 +41,7 @@ impl Engine for GpuEngine {
         self.wait_idle_checked()?;
         let mut splats = self.scene.download(&self.gpu, |_, shard| &shard.parameters)?;
         splats.smoothing = self.scene.smoothing(&self.gpu)?;
+        splats.gain.clone_from(&self.scene.gain);
         let first = self.scene.download(&self.gpu, |_, shard| &shard.first)?;
         let second = self.scene.download(&self.gpu, |_, shard| &shard.second)?;
         Ok((splats, Moments { first, second }))
@@ -86,7 +87,7 @@ impl Engine for GpuEngine {
     }
 
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
-        self.scene.rows.color_model.check_trainable()?;
+        self.scene.check_trainable()?;
         view.validate()?;
         if let Some(report) = self.latest.filter(|_| self.diverged.is_some()) {
             return Ok(report);
@@ -117,7 +118,7 @@ impl Engine for GpuEngine {
     }
 
     fn camera_gradient(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
-        self.scene.rows.color_model.check_trainable()?;
+        self.scene.check_trainable()?;
         view.validate()?;
         self.wait_idle_checked()?;
         let state = self.run(&Submission::CameraGradient { view, step })?;
@@ -130,6 +131,7 @@ impl Engine for GpuEngine {
     }
 
     fn view_gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, SparseGradients), EngineError> {
+        self.scene.check_trainable()?;
         view.validate()?;
         self.read_view_gradients(view, step)
     }

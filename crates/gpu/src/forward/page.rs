@@ -16,8 +16,8 @@ use crate::constants::{constants, model_constants};
 use crate::frame::{EXPECTED_TILES, FIRST_ENTRIES, TILE_DIGITS, sort_uniform};
 use crate::kernels::{KernelId, source};
 use crate::layout::{
-    DEPTH_DIGITS, DIGIT_BITS, FLAG_COMPENSATION, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING, HALT_NONE, HALT_OVERFLOW, MAX_GROUPS, SORT_ENTRIES,
-    TILE_PX, Update,
+    DEPTH_DIGITS, DIGIT_BITS, FLAG_COMPENSATION, FLAG_EDIT_GAIN, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING, HALT_NONE, HALT_OVERFLOW,
+    MAX_GROUPS, SORT_ENTRIES, TILE_PX, Update,
 };
 
 const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../view/src/page/gpu/forward.js");
@@ -127,7 +127,10 @@ fn forward() -> Value {
         "camera": fields(KernelId::Project(MODEL, 0), "Camera"),
         "shard": fields(KernelId::Project(MODEL, 0), "Shard"),
         "state": fields(KernelId::BinScan, "State"),
-        "flags": { "compensation": FLAG_COMPENSATION, "smoothing": FLAG_SMOOTHING, "minContribution": FLAG_MIN_CONTRIBUTION },
+        "flags": {
+            "compensation": FLAG_COMPENSATION, "smoothing": FLAG_SMOOTHING, "minContribution": FLAG_MIN_CONTRIBUTION,
+            "editGain": FLAG_EDIT_GAIN,
+        },
         "halt": { "none": HALT_NONE, "overflow": HALT_OVERFLOW },
         "sorts": { "depth": sort(DEPTH_DIGITS, 0), "tile": sort(TILE_DIGITS, SORT_ENTRIES) },
         "numbers": {

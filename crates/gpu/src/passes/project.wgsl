@@ -62,8 +62,12 @@ fn project(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_in
     var basis = sh_basis(min(camera.active_degree, MAX_LIGHT_DEGREE), direction.xyz);
     let radiance = radiance_of(response(&basis, i));
     let brightest = max(radiance.x, max(radiance.y, radiance.z));
-    // Cut-offs follow the radiance before the gain: a light of a mix is cut off as in its scene.
-    let gain = gain_of(i);
+    // Cut-offs follow the radiance before the gains: a light of a mix is cut off as in its scene, and
+    // an edited splat as it was trained.
+    var gain = gain_of(i);
+    if ((camera.flags & FLAG_EDIT_GAIN) != 0u) {
+        gain *= parameter(ROW_EDIT_GAIN, i);
+    }
     var threshold = camera.min_alpha;
     if ((camera.flags & FLAG_MIN_CONTRIBUTION) != 0u) {
         threshold = min(camera.min_contribution / max(brightest, 1e-30), camera.min_alpha);

@@ -25,6 +25,7 @@ mod contract;
 #[path = "../../../cpu/tests/engine/fixture.rs"]
 #[allow(dead_code, reason = "the CPU's tests use all of it")]
 mod fixture;
+mod gain;
 mod mix;
 mod parity;
 mod passes;
@@ -56,7 +57,7 @@ const THREAD_ORDER: &[&str] = &[
 
 /// Returns the tests that `LUXEL_GPU_TESTS` selects.
 fn selected() -> Vec<(&'static str, Body)> {
-    let all = [passes::ALL, parity::ALL, batch::ALL, mix::ALL, camera::ALL, vignetting::ALL, wide::ALL, contract::ALL].concat();
+    let all = [passes::ALL, parity::ALL, batch::ALL, mix::ALL, gain::ALL, camera::ALL, vignetting::ALL, wide::ALL, contract::ALL].concat();
     for name in THREAD_ORDER {
         assert!(all.iter().any(|(found, _)| found == name), "THREAD_ORDER: there is no test {name}");
     }

@@ -126,12 +126,12 @@ impl Bake {
     /// Returns the harmonics of splat `i`'s colour, by channel; entries from K on are 0.
     pub(crate) fn splat(&self, splats: &Splats, i: usize) -> [[f32; MAX_BAKED]; 3] {
         if let (Look::Linear { conversion }, ColorModel::Sh { .. }) = (&self.look, splats.color_model) {
-            return self.linear_harmonics(splats.sh_of(i), conversion);
+            return self.linear_harmonics(splats.sh_of(i), splats.gain_of(i), conversion);
         }
-        let (sh, raw) = (splats.sh_of(i), splats.raw_luminance_of(i));
+        let (sh, raw, gain) = (splats.sh_of(i), splats.raw_luminance_of(i), splats.gain_of(i));
         let mut channels = [[0.0; MAX_BAKED]; 3];
         for (basis, fit) in self.views.iter().zip(&self.fit) {
-            let radiance = splats.color_model.radiance(basis, |m, c| sh[3 * m + c], |m| raw[m]);
+            let radiance = splats.color_model.radiance(basis, |m, c| sh[3 * m + c], |m| raw[m]).map(|c| c * gain);
             for (channel, color) in channels.iter_mut().zip(self.color(radiance)) {
                 for (k, fit) in channel.iter_mut().zip(fit) {
                     *k += fit * (color - SH_OFFSET);
@@ -143,14 +143,15 @@ impl Bake {
     }
 
     /// Computes k' = f M k, and moves the offset of 1/2 into the DC: no fit, no lift.
-    fn linear_harmonics(&self, from: &[f32], conversion: &Conversion) -> [[f32; MAX_BAKED]; 3] {
+    fn linear_harmonics(&self, from: &[f32], gain: f32, conversion: &Conversion) -> [[f32; MAX_BAKED]; 3] {
+        let factor = self.exposure * gain;
         let mut sh = [0f32; 3 * MAX_BAKED];
         let kept = 3 * self.coefficients();
         for (to, from) in sh.iter_mut().zip(from).take(kept) {
-            *to = self.exposure * from;
+            *to = factor * from;
         }
         for dc in sh.iter_mut().take(3) {
-            *dc += (self.exposure - 1.0) * (SH_OFFSET / sh::C0);
+            *dc += (factor - 1.0) * (SH_OFFSET / sh::C0);
         }
         conversion.apply_to_sh(&mut sh[..kept]);
         let mut channels = [[0.0; MAX_BAKED]; 3];

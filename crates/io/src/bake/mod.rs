@@ -93,6 +93,7 @@ impl Baked {
             sh: vec![0.0; from.len() * 3 * k],
             raw_luminance: Vec::new(),
             smoothing: Vec::new(),
+            gain: Vec::new(),
             position: from.position.clone(),
             rotation: from.rotation.clone(),
             log_scale: from.log_scale.clone(),

@@ -25,6 +25,7 @@ fn splats(color_model: ColorModel, n: usize, seed: u64) -> Splats {
         sh: values(4, 3 * color_model.sh_coefficients()),
         raw_luminance: values(5, color_model.luminance_coefficients()),
         smoothing: Vec::new(),
+        gain: Vec::new(),
     }
 }
 

@@ -332,6 +332,12 @@ fn read_exact(document: &Document, bin: &[u8], mut splats: Splats, exact: Exact)
         }
         splats.smoothing = filter;
     }
+    if let Some(gain) = optional("GAIN", 1).transpose()? {
+        if gain.iter().any(|gain| *gain < 0.0) {
+            return Err(invalid("\"GAIN\" is negative"));
+        }
+        splats.gain = gain;
+    }
     if let Some(values) = optional("OPACITY_LOGIT", 1).transpose()? {
         splats.opacity_logit = values;
     }

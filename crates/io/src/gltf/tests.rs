@@ -16,6 +16,7 @@ fn scene(is_smoothed: bool) -> Scene {
     let mut splats = synthetic::room(30, 9).with_color_model(lcd).unwrap();
     if is_smoothed {
         splats.smoothing = vec![0.01; splats.len()];
+        splats.gain = (0..splats.len()).map(|i| [1.0, 0.0, 7.5][i % 3]).collect();
     }
     Scene {
         splats,

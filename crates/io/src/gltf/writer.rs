@@ -195,6 +195,9 @@ fn exact_attributes(scene: &Scene) -> Vec<Attribute<'_>> {
     if !splats.smoothing.is_empty() {
         attributes.push(Attribute::floats("FILTER", |i| [splats.smoothing[i]]));
     }
+    if !splats.gain.is_empty() {
+        attributes.push(Attribute::floats("GAIN", |i| [splats.gain[i]]));
+    }
     attributes
 }
 

@@ -9,8 +9,8 @@
 //! - `lcd_*` properties hold the model exactly: `lcd_l_m` raw luminance, `lcd_c_{3m+channel}`
 //!   chromaticity harmonics (`lcd_s_*` radiance harmonics for `ColorModel::Sh`, `lcd_g_*` those of
 //!   its logarithm for `ColorModel::LogSh`, `lcd_m_*` those of all lights for `ColorModel::Mix`,
-//!   whose gains are among `lcd_l_*`), the deviation of a smoothing filter `lcd_filter`, and where
-//!   that or a refined bake makes the standard ones differ, `lcd_opacity`, `lcd_log_scale_*`. Their
+//!   whose gains are among `lcd_l_*`), the deviation of a smoothing filter `lcd_filter`, the gains
+//!   of edits `lcd_gain`, and where the filter or a refined bake makes the standard ones differ, `lcd_opacity`, `lcd_log_scale_*`. Their
 //!   names keep away from `f_rest_`, `scale_` and `rot`, which the original reader counts by
 //!   prefix.
 //!
@@ -45,6 +45,9 @@ pub use scene_writer::{encode_scene_ply, write_exact_ply, write_scene_ply};
 
 /// Version of the `luxel` comments and `lcd_*` properties.
 const FORMAT_VERSION: u32 = 1;
+
+/// Version of files with gains of edits, which readers of the version before would leave out.
+const GAIN_VERSION: u32 = 2;
 
 /// First word of the header comments that belong to this program.
 const COMMENT_TAG: &str = "luxel";

@@ -11,9 +11,9 @@ use crate::bake::{BakeRecord, Origin, WorldRecord, place};
 use crate::local_frame::{LocalFrame, settled};
 use crate::ply::header::{Element, Format, Header};
 use crate::ply::rows::{beyond_line, check_count, read_rows, seek_element};
-use crate::ply::scene_writer::{EXACT_OPACITY, EXACT_SCALE, FRAME_COMMENT, METRES_COMMENT, sh_prefix};
+use crate::ply::scene_writer::{EXACT_OPACITY, EXACT_SCALE, FRAME_COMMENT, GAIN, METRES_COMMENT, sh_prefix};
 use crate::ply::source::PlySource;
-use crate::ply::{COMMENT_TAG, FORMAT_VERSION, compressed, record};
+use crate::ply::{COMMENT_TAG, FORMAT_VERSION, GAIN_VERSION, compressed, record};
 use crate::scene_file::SceneFile;
 use crate::validity::{is_length, is_normalizable, is_usable, left_out_line};
 
@@ -44,6 +44,7 @@ struct SceneColumns {
     log_scale: [&'static str; 3],
     opacity: &'static str,
     smoothing: Option<&'static str>,
+    gain: Option<&'static str>,
     /// In the order of `Splats::sh`, [K,3].
     sh: Vec<String>,
     raw_luminance: Vec<String>,
@@ -101,7 +102,7 @@ fn read_splats<R: BufRead>(
     let geometry = ["x", "y", "z", "rot_0", "rot_1", "rot_2", "rot_3"].into_iter().chain(layout.log_scale).chain([layout.opacity]);
     let colors = layout.sh.iter().chain(&layout.raw_luminance).map(String::as_str);
     let mut columns = Vec::new();
-    for name in geometry.chain(colors).chain(layout.smoothing) {
+    for name in geometry.chain(colors).chain(layout.smoothing).chain(layout.gain) {
         let missing = || {
             let message = format!("element \"vertex\" has no property {name:?}: not the splats of a scene, or a tool dropped it");
             source.invalid("header", message)
@@ -135,15 +136,17 @@ fn read_splats<R: BufRead>(
         splats.opacity_logit.push(opacity);
         let (sh, rest) = colors.split_at(sh_len);
         splats.sh.extend_from_slice(sh);
-        let (raw_luminance, smoothing) = rest.split_at(layout.raw_luminance.len());
+        let (raw_luminance, rest) = rest.split_at(layout.raw_luminance.len());
         splats.raw_luminance.extend_from_slice(raw_luminance);
-        if let (Some(name), [deviation]) = (layout.smoothing, smoothing) {
-            if *deviation < 0.0 {
-                let message = format!("vertex {row}: property {name:?} is {deviation}, expected a standard deviation of 0 or more");
+        let (smoothing, gain) = rest.split_at(usize::from(layout.smoothing.is_some()));
+        for (name, value, expected) in [(layout.smoothing, smoothing, "a standard deviation"), (layout.gain, gain, "a gain")] {
+            if let (Some(name), Some(value)) = (name, value.iter().find(|value| **value < 0.0)) {
+                let message = format!("vertex {row}: property {name:?} is {value}, expected {expected} of 0 or more");
                 return Err(IoError::invalid(path, message));
             }
-            splats.smoothing.push(*deviation);
         }
+        splats.smoothing.extend_from_slice(smoothing);
+        splats.gain.extend_from_slice(gain);
         Ok(())
     })?;
     left_out.of_rows(element.count)
@@ -187,6 +190,7 @@ fn plain<R: BufRead>(source: &PlySource<'_, R>, element: &Element) -> Result<(Sc
         is_flat,
         opacity: "opacity",
         smoothing,
+        gain: None,
         sh: dc.chain(others).collect(),
         raw_luminance: Vec::new(),
     };
@@ -284,9 +288,10 @@ impl<'h> Comments<'h> {
     /// values.
     fn exact(&self, element: &Element) -> Result<(Scene, SceneColumns), CommentError> {
         let version: u32 = self.parse("scene", "a version number", |v| v.parse().ok())?;
-        if version != FORMAT_VERSION {
-            let message =
-                format!("scene format version {version}, expected {FORMAT_VERSION}; use the release of luxel that wrote the file");
+        if !(FORMAT_VERSION..=GAIN_VERSION).contains(&version) {
+            let message = format!(
+                "scene format version {version}, expected {FORMAT_VERSION} or {GAIN_VERSION}; use the release of luxel that wrote the file"
+            );
             return Err(CommentError::Unsupported(message));
         }
         let color_space = self.parse("color_space", ColorSpace::NAMES, ColorSpace::from_name)?;
@@ -316,6 +321,7 @@ fn exact_layout(color_model: ColorModel, element: &Element) -> SceneColumns {
         is_flat: false,
         opacity: if has_geometry { EXACT_OPACITY } else { "opacity" },
         smoothing: is_smoothed.then_some("lcd_filter"),
+        gain: has(GAIN).then_some(GAIN),
         sh: (0..3 * color_model.sh_coefficients()).map(|i| format!("{prefix}{i}")).collect(),
         raw_luminance: (0..color_model.luminance_coefficients()).map(|m| format!("lcd_l_{m}")).collect(),
     }

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use crate::bake::{Appearance, Bake, BakeOptions, Baked, MAX_BAKED, WorldRecord, smoothed};
 use crate::local_frame::LocalFrame;
-use crate::ply::{COMMENT_TAG, FORMAT_VERSION, record};
+use crate::ply::{COMMENT_TAG, FORMAT_VERSION, GAIN_VERSION, record};
 use crate::validity::{is_normalizable, is_usable};
 use crate::{IoError, write_atomically};
 
@@ -21,6 +21,9 @@ const BLOCK_ROWS: usize = 4096;
 pub(super) const FRAME_COMMENT: &str = "local_frame";
 /// Key of the comment with the length of a unit of the data set's world, metres.
 pub(super) const METRES_COMMENT: &str = "metres_per_unit";
+
+/// Gains of edits.
+pub(super) const GAIN: &str = "lcd_gain";
 
 /// Opacity logit and log scale of the model, where the display layer has others.
 pub(super) const EXACT_OPACITY: &str = "lcd_opacity";
@@ -240,7 +243,8 @@ fn write_header<W: Write + ?Sized>(scene: &Scene, layer: &Layer<'_>, properties:
     let model = serde_json::to_string(&scene.splats.color_model)?;
     let raster = serde_json::to_string(&scene.raster)?;
     writeln!(out, "ply\nformat binary_little_endian 1.0")?;
-    writeln!(out, "comment {COMMENT_TAG} scene {FORMAT_VERSION}")?;
+    let version = if scene.splats.gain.is_empty() { FORMAT_VERSION } else { GAIN_VERSION };
+    writeln!(out, "comment {COMMENT_TAG} scene {version}")?;
     writeln!(out, "comment {COMMENT_TAG} color_space {}", scene.color_space.name())?;
     writeln!(out, "comment {COMMENT_TAG} color_model {model}")?;
     writeln!(out, "comment {COMMENT_TAG} radiance_scale {:e}", scene.radiance_scale)?;
@@ -274,6 +278,9 @@ fn properties(splats: &Splats, layer: &Layer<'_>) -> Vec<String> {
     names.extend((0..3 * splats.color_model.sh_coefficients()).map(|i| format!("{prefix}{i}")));
     if !splats.smoothing.is_empty() {
         names.push("lcd_filter".to_owned());
+    }
+    if !splats.gain.is_empty() {
+        names.push(GAIN.to_owned());
     }
     if !layer.shares_geometry(splats) {
         names.extend([EXACT_OPACITY].into_iter().chain(EXACT_SCALE).map(str::to_owned));
@@ -313,6 +320,7 @@ fn fill_row(splats: &Splats, i: usize, row: &RowLayer<'_>, values: &mut Vec<f32>
     values.extend_from_slice(splats.raw_luminance_of(i));
     values.extend_from_slice(splats.sh_of(i));
     values.extend(splats.smoothing.get(i));
+    values.extend(splats.gain.get(i));
     if !row.shares_geometry {
         values.push(splats.opacity_logit[i]);
         values.extend(splats.log_scale[i]);

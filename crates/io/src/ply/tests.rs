@@ -80,6 +80,7 @@ fn bits(scene: &Scene) -> (Vec<u32>, String) {
         &s.sh,
         &s.raw_luminance,
         &s.smoothing,
+        &s.gain,
         &[scene.radiance_scale.get()],
     ];
     (arrays.concat().iter().map(|v| v.to_bits()).collect(), format!("{:?} {:?} {:?}", s.color_model, scene.color_space, scene.raster))
@@ -101,12 +102,15 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn every_model_is_read_back_bit_for_bit(model in any_model(), count in 0usize..20, is_smoothed: bool, seed: u64, scale in 1e-6f32..1e6) {
+    fn every_model_is_read_back_bit_for_bit(model in any_model(), count in 0usize..20, is_smoothed: bool, is_edited: bool, seed: u64, scale in 1e-6f32..1e6) {
         let mut scene = scene(model, count, is_smoothed, seed);
         scene.radiance_scale = RadianceScale::new(scale).unwrap();
         if seed.is_multiple_of(2) {
             scene.raster.cutoffs = Cutoffs::PARITY;
             scene.color_space = ColorSpace::LinearRec709;
+        }
+        if is_edited {
+            scene.splats.gain = (0..count).map(|i| [0.0, 1.0, 0.3, 1e6][i % 4]).collect();
         }
         let bytes = encode_scene_ply(name(), &scene).unwrap();
         let read = decode_scene_ply(name(), &bytes).unwrap();
@@ -473,16 +477,48 @@ fn damaged_comments_are_refused_rather_than_the_bake_taken_for_radiance() {
 }
 
 #[test]
+fn gains_of_edits_are_beside_the_model_and_in_the_light_of_the_display_layer() {
+    let plain = scene(ColorModel::Sh { degree: 2 }, 5, false, 7);
+    let mut edited = plain.clone();
+    edited.splats.gain = vec![1.0, 4.0, 0.25, 0.0, 1.0];
+    let version = |scene: &Scene| {
+        let bytes = encode_scene_ply(name(), scene).unwrap();
+        let text = String::from_utf8_lossy(&bytes).into_owned();
+        (bytes, text.lines().find_map(|line| line.strip_prefix("comment luxel scene ")).unwrap().to_owned())
+    };
+    let ((bytes, new), (before, old)) = (version(&edited), version(&plain));
+    assert_eq!((new.as_str(), old.as_str()), ("2", "1"));
+    for row in 0..5 {
+        let (after, before) = (row_of(&bytes, row), row_of(&before, row));
+        assert!(!before.contains_key("lcd_gain"));
+        assert_eq!(after["lcd_gain"], edited.splats.gain[row]);
+        assert_eq!((after["lcd_s_0"], after["opacity"]), (before["lcd_s_0"], before["opacity"]));
+    }
+    // Black in the display layer.
+    let black = row_of(&bytes, 3);
+    assert!((SH_OFFSET + sh::C0 * black["f_dc_0"]).abs() < 1e-3, "{}", black["f_dc_0"]);
+    let mut damaged = bytes.clone();
+    let (names, _) = plain_view(&bytes);
+    let end = damaged.len();
+    let at = end - 4 * (names.len() - names.iter().position(|name| name == "lcd_gain").unwrap());
+    damaged[at..at + 4].copy_from_slice(&(-2.0f32).to_le_bytes());
+    let error = decode_scene_ply(name(), &damaged).unwrap_err().to_string();
+    assert!(error.contains("vertex 4: property \"lcd_gain\" is -2, expected a gain of 0 or more"), "{error}");
+}
+
+#[test]
 fn scenes_that_could_not_be_read_back_are_not_written() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("point_cloud/iteration_7/point_cloud.ply");
     let good = scene(LCD, 3, false, 1);
     write_scene_ply(&path, &good).unwrap();
-    let broken: [fn(&mut Scene); 5] = [
+    let broken: [fn(&mut Scene); 7] = [
         |s| s.splats.rotation[1] = [0.0; 4],
         |s| s.splats.sh[5] = f32::NAN,
         |s| s.splats.opacity_logit.truncate(2),
         |s| s.splats.smoothing = vec![-1.0; 3],
+        |s| s.splats.gain = vec![1.0, -1.0, 1.0],
+        |s| s.splats.gain = vec![2.0; 2],
         |s| s.raster.cutoffs.near = f32::NAN,
     ];
     for break_it in broken {

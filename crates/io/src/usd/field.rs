@@ -120,6 +120,7 @@ impl Field {
             sh: self.coefficients,
             raw_luminance: Vec::new(),
             smoothing: Vec::new(),
+            gain: Vec::new(),
         })
     }
 }

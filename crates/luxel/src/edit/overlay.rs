@@ -73,7 +73,7 @@ pub fn overlay_png(overlay: Overlay<'_>, engine: &mut dyn Engine) -> Result<Vec<
 fn with_radiance(splats: &Splats, weights: &[f32]) -> Splats {
     let color_model = ColorModel::Sh { degree: 0 };
     let sh = weights.iter().flat_map(|weight| color_model.constant([*weight; 3]).0).collect();
-    Splats { color_model, sh, raw_luminance: Vec::new(), ..splats.clone() }
+    Splats { color_model, sh, raw_luminance: Vec::new(), gain: Vec::new(), ..splats.clone() }
 }
 
 fn blend(scene: &luxel_core::Scene, render: &Image, selected: &Image) -> Vec<[u8; 3]> {

@@ -299,8 +299,25 @@ pub fn export(
         let shifted = scene.radiance_scale.times(options.bake.exposure_ev.exp2());
         scene.radiance_scale = shifted.ok_or_else(|| Error::new("the exposure leaves no radiance scale that f32 holds"))?;
     }
-    write(path, &plan, &scene, &baked, options.spz_version)?;
+    let kept = if plan.is_exact { Some(&scene) } else { None };
+    let cut_off_as_trained = if kept.is_none() { linear_with_gains(&plan, &scene, &similarity) } else { None };
+    write(path, &plan, kept.or(cut_off_as_trained.as_ref()), &baked, options.spz_version)?;
     Ok(describe(path, &plan, &scene, &baked, error))
+}
+
+/// Returns the linear bake of an edited scene before its gains, with them: beside the bake, in
+/// formats that have a place for it, it keeps the cut-offs of the scene for renders here.
+fn linear_with_gains(plan: &Plan, scene: &Scene, similarity: &Similarity) -> Option<Scene> {
+    let is_linear = matches!(plan.options.appearance, Appearance::Linear { .. }) && matches!(plan.format, Format::Ply | Format::Glb);
+    if !is_linear || scene.splats.gain.is_empty() {
+        return None;
+    }
+    let mut trained = scene.clone();
+    let gain = std::mem::take(&mut trained.splats.gain);
+    let mut baked = Baked::new(&trained, &plan.options);
+    baked.transform(similarity);
+    baked.scene.splats.gain = gain;
+    Some(baked.scene)
 }
 
 /// Keeps the splats of `scene` that the options choose: `crop`, `max_splats`, `max_aspect`. The
@@ -332,14 +349,16 @@ pub fn choose_splats(
     Ok(())
 }
 
-fn write(path: &Path, plan: &Plan, scene: &Scene, baked: &Baked, spz_version: SpzVersion) -> Result<()> {
+fn write(path: &Path, plan: &Plan, exact: Option<&Scene>, baked: &Baked, spz_version: SpzVersion) -> Result<()> {
     let written = match plan.format {
-        Format::Ply if plan.is_exact => luxel_io::write_exact_ply(path, scene, baked),
-        Format::Ply => luxel_io::write_baked_ply(path, baked),
+        Format::Ply => match exact {
+            Some(scene) => luxel_io::write_exact_ply(path, scene, baked),
+            None => luxel_io::write_baked_ply(path, baked),
+        },
         Format::Usda => luxel_io::write_usda(path, baked),
         Format::Usdc => luxel_io::write_usdc(path, baked),
         Format::Usdz => luxel_io::write_usdz(path, baked),
-        Format::Glb => luxel_io::write_glb(path, baked, plan.is_exact.then_some(scene)),
+        Format::Glb => luxel_io::write_glb(path, baked, exact),
         Format::Spz => luxel_io::write_spz(path, baked, spz_version),
         Format::Sog => luxel_io::write_sog(path, baked),
     };

@@ -153,6 +153,7 @@ impl ImplicitSession<'_> {
             vignetting_corner_ev: Vec::new(),
             splats: self.trainer.splats(),
             visible: 0,
+            steps_left_at_pace: None,
             iterations_per_second: if seconds > 0.0 { steps / seconds } else { 0.0 },
             elapsed_s: state.clock.seconds(),
             cpu_s: state.clock.processor_seconds(),

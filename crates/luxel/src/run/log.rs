@@ -96,6 +96,7 @@ pub(super) mod tests {
             splats: 10,
             visible: 5,
             iterations_per_second: 20.0,
+            steps_left_at_pace: None,
             elapsed_s: f64::from(iteration) / 20.0,
             cpu_s: Some(f64::from(iteration) / 10.0),
             rss_bytes: Some(1 << 20),

@@ -211,6 +211,7 @@ impl Session<'_> {
             splats: self.trainer.splats_len(),
             visible: sums.visible,
             iterations_per_second: if sums.seconds > 0.0 { f64::from(sums.steps) / sums.seconds } else { 0.0 },
+            steps_left_at_pace: Some(self.trainer.steps_left_at_pace(sums.steps)),
             elapsed_s: state.clock.seconds(),
             cpu_s: state.clock.processor_seconds(),
             rss_bytes: memory::resident_bytes(),

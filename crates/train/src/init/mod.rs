@@ -202,7 +202,7 @@ pub(crate) fn recolored(splats: &Splats, dataset: &Dataset, config: &TrainConfig
     let points: Vec<Point> =
         splats.position.iter().map(|position| Point { position: *position, rgb8: None, observations: Vec::new() }).collect();
     let color_model = config.color_model();
-    let mut colored = Splats { color_model, sh: Vec::new(), raw_luminance: Vec::new(), ..splats.clone() };
+    let mut colored = Splats { color_model, sh: Vec::new(), raw_luminance: Vec::new(), gain: Vec::new(), ..splats.clone() };
     let mut sh = vec![0.0; 3 * color_model.sh_coefficients()];
     let mut raw_luminance = vec![0.0; color_model.luminance_coefficients()];
     let (colors, radiance_scale) = colors_at(&points, dataset, config, knots)?;

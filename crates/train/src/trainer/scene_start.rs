@@ -94,6 +94,8 @@ pub(super) fn start_of_scene(scene: &Scene, dataset: &Dataset, config: &TrainCon
         let (sh, raw) = (&mut splats.sh[i * k..(i + 1) * k], &mut splats.raw_luminance[i * m..(i + 1) * m]);
         model.scale_radiance(sh, raw, factor);
     }
+    // Training owns its cut-offs: they follow the light that it starts with.
+    splats.fold_gains();
     // It depends on the cameras, and is computed where the options ask for it.
     splats.smoothing = Vec::new();
     Ok(Initial { splats, radiance_scale })

@@ -1,4 +1,4 @@
-/** What a page with its scene in it shows where the browser cannot render: pictures that were made with the page. */
+/** What a page with its scene in it shows before its first picture, and where the browser cannot render: pictures that were made with the page. */
 
 import { byId } from "./panel.js";
 
@@ -13,6 +13,7 @@ export class Poster {
     this.viewer = viewer;
     this.source = source;
     source.changed = () => viewer.changed();
+    showPoster(source.facts.poster);
   }
 
   // Until there is a picture of the scene itself.
@@ -20,7 +21,12 @@ export class Poster {
     const { viewer, source } = this;
     // Nothing can be orbited.
     if (source.failure && !viewer.shown) byId("hint").classList.add("gone");
-    showPoster(viewer.shown === null && source.failure !== "" ? source.thumbnail(viewer.state.view) || source.facts.poster : "");
+    const instead = source.failure === "" ? "" : source.thumbnail(viewer.state.view);
+    showPoster(viewer.shown === null ? instead || source.facts.poster : "");
+  }
+
+  taken() {
+    showPoster("");
   }
 }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import functools
+import os
 from typing import Any
 
 import numpy as np
@@ -12,14 +12,18 @@ from torch import Tensor
 from .._luxel import LuxelError, Rasterizer
 
 
-@functools.lru_cache(maxsize=2)
-def _rasterizer(threads: int) -> Rasterizer:
-    return Rasterizer(threads)
+# By process and number of threads: threads do not come along when a process forks. Those of another
+# process are kept, because to let go of them would be to speak to threads that are not there.
+_rasterizers: dict[tuple[int, int], Rasterizer] = {}
 
 
 def rasterizer() -> Rasterizer:
-    """Returns the rasteriser on as many threads as torch uses."""
-    return _rasterizer(torch.get_num_threads())
+    """Returns this process's rasteriser on as many threads as torch uses."""
+    key = (os.getpid(), torch.get_num_threads())
+    found = _rasterizers.get(key)
+    if found is None:
+        found = _rasterizers[key] = Rasterizer(key[1])
+    return found
 
 
 def array(tensor: Tensor) -> np.ndarray[Any, np.dtype[np.float32]]:

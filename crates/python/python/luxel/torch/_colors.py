@@ -7,6 +7,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from .._luxel import LuxelError
 from ._arrays import array, check, rasterizer
@@ -25,6 +26,7 @@ class _Colors(torch.autograd.Function):
         return torch.from_numpy(colors)
 
     @staticmethod
+    @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
         means, eyes, sh, raw = (array(tensor) for tensor in ctx.saved_tensors)
         visible, model, degree = ctx.rest

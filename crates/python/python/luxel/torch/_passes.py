@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from ._arrays import array, array_or_none, rasterizer
 
@@ -90,6 +91,7 @@ class Project(torch.autograd.Function):
         return (*ellipses, *rest)
 
     @staticmethod
+    @once_differentiable
     def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
         if all(gradient is None for gradient in gradients[: len(_PARTS)]):
             return (None,) * 10
@@ -130,6 +132,7 @@ class Blend(torch.autograd.Function):
         return torch.from_numpy(images), torch.from_numpy(alphas)
 
     @staticmethod
+    @once_differentiable
     def backward(ctx: Any, images: Tensor | None, alphas: Tensor | None) -> tuple[Tensor | None, ...]:
         by_images = np.zeros(ctx.shape, np.float32) if images is None else array(images)
         found = ctx.blending.backward(by_images, array_or_none(alphas), absolute=ctx.absgrad)

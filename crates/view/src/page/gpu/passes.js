@@ -16,7 +16,7 @@ import { DEPTHS, LAYERS, PACK } from "./layers.js";
  * @property {Structure} camera
  * @property {Structure} shard
  * @property {Structure} state
- * @property {{ compensation: number, smoothing: number, minContribution: number }} flags
+ * @property {{ compensation: number, smoothing: number, minContribution: number, editGain: number }} flags
  * @property {{ none: number, overflow: number }} halt
  * @property {{ depth: number[][], tile: number[][] }} sorts
  * @property {{ tilePx: number, digitBits: number, maxGroups: number, firstEntries: number, expectedTiles: number, jacobianMargin: number }} numbers

@@ -37,7 +37,6 @@ function cameraUniform(lens, { head }, entries) {
   const [size, focal, center] = [[lens.width * n, lens.height * n], [lens.fx * n, lens.fy * n], [lens.cx * n, lens.cy * n]];
   const margin = [0, 1].map((i) => (FORWARD.numbers.jacobianMargin * size[i]) / (2 * focal[i]));
   const { flags } = FORWARD;
-  const smooths = options.smooths && head.rows.length > head.parameters;
   return filled(FORWARD.camera, {
     row_x: row(right),
     row_y: row(times(up, -1)),
@@ -58,7 +57,7 @@ function cameraUniform(lens, { head }, entries) {
     near: options.near,
     dilation_px2: options.dilationPx2,
     active_degree: options.activeDegree,
-    flags: (options.compensatesOpacity ? flags.compensation : 0) + (smooths ? flags.smoothing : 0) + (options.minContribution === null ? 0 : flags.minContribution),
+    flags: (options.compensatesOpacity ? flags.compensation : 0) + flags.editGain + (options.smooths ? flags.smoothing : 0) + (options.minContribution === null ? 0 : flags.minContribution),
     count: head.splats,
     entry_capacity: entries,
     samples: n,
@@ -72,7 +71,8 @@ function cameraUniform(lens, { head }, entries) {
 /** Copies splats to the device, in runs that fit into a binding. @param {GPUDevice} device @param {Splats} splats @returns {Shard[]} */
 function upload(device, splats) {
   const { head } = splats;
-  const rows = head.parameters + 1;
+  // Behind the parameters: the 3D filter, and the gains of edits, which may come later.
+  const rows = head.parameters + 2;
   const most = Math.max(64, Math.floor(device.limits.maxStorageBufferBindingSize / (4 * rows) / 64) * 64);
   const shards = [];
   for (let base = 0; base < head.splats; base += most) {

@@ -115,7 +115,8 @@ export function wholeRow(splats, n) {
 
 /** Writes numbers of splats from `first` on to a row of parameters. @param {Splats} splats @param {number} n @param {number} first @param {Float32Array} out */
 export function copyRow(splats, n, first, out) {
-  if (n >= splats.head.rows.length) return;
+  // Gains, the row behind that of the 3D filter, are 1 where there are none.
+  if (n >= splats.head.rows.length) return void (n > splats.head.parameters && out.fill(1));
   const from = splats.row(n);
   if (from instanceof Float32Array) return out.set(from.subarray(first, first + out.length));
   for (let i = 0; i < out.length; i++) out[i] = fromHalf(from[first + i]);
