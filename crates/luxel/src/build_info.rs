@@ -10,7 +10,12 @@ pub const REVISION: Option<&str> = option_env!("LUXEL_REVISION");
 /// assert_eq!(luxel::build_info::features().contains(&"gpu"), cfg!(feature = "gpu"));
 /// ```
 pub fn features() -> Vec<&'static str> {
-    let all = [("gpu", cfg!(feature = "gpu")), ("markers", cfg!(feature = "markers")), ("ocio", cfg!(feature = "ocio"))];
+    let all = [
+        ("gpu", cfg!(feature = "gpu")),
+        ("jpeg-xl", cfg!(feature = "jpeg-xl")),
+        ("markers", cfg!(feature = "markers")),
+        ("ocio", cfg!(feature = "ocio")),
+    ];
     all.into_iter().filter(|(_, is_there)| *is_there).map(|(name, _)| name).collect()
 }
 
