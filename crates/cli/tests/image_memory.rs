@@ -23,7 +23,8 @@ fn a_run_within_little_memory_is_the_same_each_time_and_close_to_one_in_memory()
     place.train("small", &["--image-memory", &room]);
     place.train("again", &["--image-memory", &room, "--checkpoint-every", "15", "--keep-checkpoints", "9"]);
     let psnr = |run: &str| place.json(&format!("{run}/metrics.json"))["splits"]["test"]["mean"]["psnr_scene"].as_f64().unwrap();
-    assert!((psnr("run") - psnr("small")).abs() < 0.5, "{} {}", psnr("run"), psnr("small"));
+    // Stored views are half floats, which differ by 1/2048: far below the error of so few steps.
+    assert!((psnr("run") - psnr("small")).abs() < 0.05, "{} {}", psnr("run"), psnr("small"));
     assert!(scene(&place, "small") == scene(&place, "again"));
     assert!(!place.path("run.images").exists(), "all images have room by default");
     // From a state in the middle, with the cache, without it, and with a damaged one.

@@ -138,21 +138,19 @@ fn far_scenes_are_served_in_the_coordinates_of_the_world() {
     });
     let mut renderer = Renderer::new(&viewer.scene, Device::Cpu).unwrap();
     let layers = renderer.render_layers(&local).unwrap();
-    let mut compared = 0;
-    for (x, y) in [(3, 4), (20, 15), (30, 22), (10, 28)] {
+    let places = [(3, 4), (20, 15), (30, 22), (10, 28)];
+    for (x, y) in places {
         let probe = viewer.json(&format!("/api/probe?camera={}&x={x}&y={y}", encoded(&frame)));
         let (expected, depth) = (layers.radiance.pixel(x, y).unwrap(), layers.depth[y * 40 + x]);
         for (c, value) in expected.iter().enumerate() {
             assert!((probe["radiance"][c].as_f64().unwrap() - f64::from(*value)).abs() <= 1e-4 * f64::from(value.abs()) + 1e-6);
         }
-        let Some(found) = probe["depth"].as_f64() else { continue };
+        let Some(found) = probe["depth"].as_f64() else { panic!("no depth at {x}, {y}, where the room has a wall") };
         assert!((found / f64::from(depth) - 1.0).abs() < 1e-4);
         let position: Vec<f64> = probe["position"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
         let (pixel, z) = posed.project([position[0], position[1], position[2]].into()).unwrap();
         assert!((pixel.x - x as f64 - 0.5).abs() < 1e-4 && (z - found).abs() < 1e-4 * z, "{pixel} {z}");
-        compared += 1;
     }
-    assert!(compared > 0);
 }
 
 #[test]

@@ -202,7 +202,9 @@ mod tests {
         for (width, height) in [(1, 1), (2, 7), (5, 3)] {
             let window = most_contrast(&Image::filled(width, height, [0.0; 3]));
             assert_eq!((window.x, window.y), (0, 0));
-            assert!(!crop(&Image::filled(width, height, [0.0; 3]), window).pixels.is_empty());
+            let cropped = crop(&Image::filled(width, height, [0.0; 3]), window);
+            assert_eq!([cropped.width, cropped.height], [window.side; 2]);
+            assert!(window.side >= 1 && window.side <= width.min(height), "{window:?}");
         }
     }
 }
