@@ -95,9 +95,10 @@ pub(crate) fn factor_at(stages: &[Stage], step: u32) -> u32 {
     stages.iter().rev().find(|stage| stage.after_step < step).map_or(1, |stage| stage.factor)
 }
 
-/// The work per splat of a step, as a part of the work per pixel at full resolution with one sample
-/// a pixel: it does not depend on the resolution.
-const WORK_PER_SPLAT: f64 = 0.1;
+/// The work that a step does per splat, which does not depend on the resolution, as a part of what it
+/// does per pixel at full resolution with one sample a pixel. Large images have fewer splats a pixel
+/// than small ones, and runs begin with few: one number serves an estimate.
+const WORK_PER_SPLAT: f64 = 0.2;
 
 /// Returns the work of `steps` (1 for the first), in steps at full resolution with one sample a
 /// pixel. `samples_at` is the number of samples along a pixel's side.

@@ -2,7 +2,7 @@
 // of pictures that are not whole, the clock of the page.
 
 import assert from "node:assert/strict";
-import { at, browser, near, newPage, open, run, serve, set, settled, shot, url } from "../harness.mjs";
+import { at, near, open, run, serve, set, settled, shot } from "../harness.mjs";
 
 /** Holds back coverage and depth, which follow a full picture; returns what lets them through. */
 async function withoutDepth(page) {
@@ -28,21 +28,21 @@ async function withoutDepth(page) {
 
 export default {
   async "a word stands where the first picture will be"() {
-    const page = await newPage(browser, { viewport: { width: 640, height: 400 } });
-    let release = () => undefined;
-    const released = new Promise((resolve) => (release = resolve));
-    const isFrame = ({ pathname }) => pathname === "/api/frame";
-    await page.route(isFrame, async (route) => {
-      await released;
-      await route.continue().catch(() => undefined);
-    });
-    await page.goto(`${url}${at}`);
-    const word = page.locator("#waiting");
-    await word.waitFor({ state: "visible" });
-    assert.match(await word.textContent(), /first picture/);
-    release();
-    await settled(page);
-    assert.ok(await word.isHidden());
+    let word = Promise.resolve("");
+    const prepare = (page) => {
+      let release = () => undefined;
+      const released = new Promise((resolve) => (release = resolve));
+      const isFrame = ({ pathname }) => pathname === "/api/frame";
+      void page.route(isFrame, async (route) => {
+        await released;
+        await route.continue().catch(() => undefined);
+      });
+      const waiting = page.locator("#waiting");
+      word = waiting.waitFor({ state: "visible" }).then(() => waiting.textContent()).finally(() => release());
+    };
+    const page = await open(at, { prepare });
+    assert.match(await word, /first picture/);
+    assert.ok(await page.locator("#waiting").isHidden());
     await page.close();
   },
 

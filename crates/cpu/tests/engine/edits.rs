@@ -62,15 +62,15 @@ fn a_gain_multiplies_every_pixel_whatever_it_is() {
     for camera in [fixture::camera(64, 48), fixture::wide_camera(CameraProjection::Equirectangular, 64, 32)] {
         for before in scenes(&camera) {
             let found = render(&before, &camera);
-            // What is added is 0 or more, so roundings are relative to the sum.
+            // What is added is 0 or more, so that the roundings of some tens of splats are relative to the sum.
             for gain in [1.0 / 1024.0, 0.03, 0.7, 3.0, 100.0, 1024.0] {
                 let edited = edited(&before, &format!("gain {gain}"));
                 let label = format!("{} {:?} {gain}", before.splats.color_model.name(), before.raster.cutoffs);
                 for (b, a) in values(&found).iter().zip(values(&render(&edited, &camera))) {
-                    assert!((a - gain * b).abs() <= 1e-6 * gain * b, "{label}: {a} {}", gain * b);
+                    assert!((a - gain * b).abs() <= 3e-6 * gain * b, "{label}: {a} {}", gain * b);
                 }
             }
-            let there_and_back = edited(&before, "gain 8\nstops -3");
+            let there_and_back = edited(&edited(&before, "gain 8"), "stops -3");
             assert_eq!(there_and_back.splats, before.splats);
         }
     }
@@ -90,7 +90,7 @@ fn a_map_on_a_selection_changes_the_light_of_its_splats_and_nothing_else() {
             for ((b, a), selected) in values(&b).iter().zip(values(&a)).zip(values(&selected)) {
                 let expected = b + (gain - 1.0) * selected;
                 // The difference has the roundings of what it is made of.
-                assert!((a - expected).abs() <= 2e-6 * (b + gain * selected), "{label}: {a} {expected}");
+                assert!((a - expected).abs() <= 5e-6 * (b + gain * selected), "{label}: {a} {expected}");
                 assert!(*selected > 0.0 || a == b, "{label}: {a} {b} where none of the selected is");
             }
             untouched += values(&selected).iter().filter(|value| **value == 0.0).count();
