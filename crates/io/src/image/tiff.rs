@@ -122,8 +122,12 @@ fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<De
     check_size(name, [width, height].map(u64::from), plausible_bytes)?;
     refuse_raw(name, &mut decoder)?;
     let aspect = pixel_aspect(&mut decoder);
-    let ReadSamples { layout, values, is_premultiplied } = tiff_samples::read(name, bytes)?;
+    let ReadSamples { layout, values, bits, is_premultiplied } = tiff_samples::read(name, bytes)?;
     let mut decoded = convert(name, layout, &values, is_premultiplied, options)?;
+    if bits < 8 {
+        decoded.depth = SampleDepth::Integer8;
+        decoded.warnings.extend(depth_warnings(decoded.depth));
+    }
     decoded.warnings.extend(aspect.and_then(aspect_warning));
     Ok(decoded)
 }

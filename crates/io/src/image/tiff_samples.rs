@@ -2,14 +2,15 @@
 //!
 //! The library drops the samples that it takes for no colour before it undoes a predictor, and
 //! counts a tile's rows by colours alone; it knows no FillOrder, and leaves samples below a byte
-//! packed. Here it is told that all samples are alike, and everything else is done on what it
+//! packed. Here all samples are declared alike, and everything else is done on what it
 //! returns: channels are chosen, planes are interleaved, bits are unpacked.
 //!
 //! In: the bytes of a file. Out: codes or floats `[H, W, C]`, C of 1 (grey) or 3 (RGB), with one
 //! more where there is an opacity. Extra samples that are no opacity, such as saved selections, are
 //! left out.
 //!
-//! Degenerate: an extra sample of a file without ExtraSamples is an opacity, as programs write them.
+//! Degenerate: an extra sample of a file without ExtraSamples is an opacity, as programs write
+//! them.
 
 use std::borrow::Cow;
 use std::io::{Cursor, Read, Seek};
@@ -50,7 +51,10 @@ const LOWEST_BIT_FIRST: u16 = 2;
 /// Samples of the channels that are read.
 pub(super) struct ReadSamples {
     pub(super) layout: SampleGrid,
+    /// Codes, of 16 bits where the file has fewer than 8, or floats.
     pub(super) values: DecodingResult,
+    /// Bits of a sample in the file.
+    pub(super) bits: u8,
     /// Whether colours are multiplied by alpha, as far as the file states.
     pub(super) is_premultiplied: Option<bool>,
 }
@@ -119,13 +123,13 @@ pub(super) fn read(name: &Path, bytes: &[u8]) -> Result<ReadSamples, IoError> {
     let mut values = DecodingResult::U8(Vec::new());
     decoder.read_image_to_buffer(&mut values).map_err(failed)?;
     let size = [width as usize, height as usize];
-    if let (DecodingResult::U8(packed), true) = (&mut values, bits < 8) {
+    if let (DecodingResult::U8(packed), true) = (&values, bits < 8) {
         let row = if is_separate { size[0] } else { size[0] * channels.stored };
-        *packed = unpacked(packed, row, bits);
+        values = DecodingResult::U16(unpacked(packed, row, bits));
     }
     let layout = SampleGrid { width: size[0], height: size[1], channels: channels.picked.len() };
     let picked = Picked { pixels: size[0] * size[1], channels: &channels, is_separate };
-    Ok(ReadSamples { layout, values: picked.of(values), is_premultiplied: channels.is_premultiplied })
+    Ok(ReadSamples { layout, values: picked.of(values), bits, is_premultiplied: channels.is_premultiplied })
 }
 
 /// Returns the channels of the first image; an error for colours other than grey and RGB.
@@ -204,9 +208,9 @@ fn as_equal_samples<'a>(bytes: Cow<'a, [u8]>, channels: &Channels, color: ColorT
     changed.into()
 }
 
-/// Returns the 8-bit codes of samples of 1 to 7 bits, in rows of `row` samples that begin with a
-/// byte.
-fn unpacked(packed: &[u8], row: usize, bits: u8) -> Vec<u8> {
+/// Returns the 16-bit codes of samples of 1 to 7 bits, which 8 do not hold exactly, in rows of
+/// `row` samples that begin with a byte.
+fn unpacked(packed: &[u8], row: usize, bits: u8) -> Vec<u16> {
     let bits = usize::from(bits.clamp(1, 7));
     let most = (1u32 << bits) - 1;
     let code = |bytes: &[u8], x: usize| {
@@ -214,8 +218,8 @@ fn unpacked(packed: &[u8], row: usize, bits: u8) -> Vec<u8> {
         let at = x * bits;
         let pair = byte(at / 8) << 8 | byte(at / 8 + 1);
         let sample = pair >> (16 - bits - at % 8) & most;
-        // At most 255; to the nearest code.
-        ((sample * 255 + most / 2) / most) as u8
+        // At most 65535; to the nearest code.
+        ((sample * 65535 + most / 2) / most) as u16
     };
     packed.chunks((row * bits).div_ceil(8).max(1)).flat_map(|bytes| (0..row).map(move |x| code(bytes, x))).collect()
 }
