@@ -6,8 +6,8 @@
 //! channels. A matrix is linear, so it can be applied to harmonics instead of the colours they sum
 //! to ([`Conversion::apply_to_sh`]).
 //!
-//! Degenerate: chromaticities that define no colour space (collinear primaries, a white with y of 0,
-//! NaN) have no matrix.
+//! Degenerate: chromaticities that define no colour space (collinear primaries, a white with y of
+//! 0, NaN) have no matrix.
 
 use std::sync::LazyLock;
 
@@ -91,8 +91,8 @@ impl ColorSpace {
         if self.is_linear() { self } else { Self::LinearRec709 }
     }
 
-    /// Returns a colour as [`Conversion::between`] this space and `to` takes it: its light, where `to`
-    /// is one of light.
+    /// Returns a colour as [`Conversion::between`] this space and `to` takes it: its light, where
+    /// `to` is one of light.
     #[inline]
     pub fn towards(self, to: Self, rgb: [f32; 3]) -> [f32; 3] {
         if to.is_linear() { self.light(rgb) } else { rgb }
@@ -135,8 +135,8 @@ pub struct Conversion {
 }
 
 impl Conversion {
-    /// Returns the conversion between two named spaces, of light; exactly the identity from a space to
-    /// itself. That of a display is taken by its primaries: see [`ColorSpace::light`].
+    /// Returns the conversion between two named spaces, of light; exactly the identity from a space
+    /// to itself. That of a display is taken by its primaries: see [`ColorSpace::light`].
     pub fn between(from: ColorSpace, to: ColorSpace) -> Self {
         if from == to || (from.chromaticities() == to.chromaticities()) {
             return Self { matrix: DMat3::IDENTITY };

@@ -130,8 +130,8 @@ impl PyScene {
     ///     color_model: "sh0" to "sh5", "logsh0" to "logsh5", "lcd", or with degrees and activation
     ///         "lcd-c3-l0-softplus".
     ///     radiance_scale: radiance in the units of the data set of one unit of the colours.
-    ///     color_space: space of the colours: "linear-rec709" and others, or "display-srgb" of colours that
-    ///         are a display's.
+    ///     color_space: space of the colours: "linear-rec709" and others, or "display-srgb" of
+    ///     colours that are a display's.
     #[staticmethod]
     #[pyo3(signature = (positions, rotations, log_scales, opacity_logits, sh, raw_luminance=None, *, color_model="sh3", radiance_scale=1.0, color_space="linear-rec709"))]
     #[expect(clippy::too_many_arguments, reason = "arguments of Python have names")]

@@ -12,9 +12,9 @@
 //! In both, a 3D smoothing filter is applied to scales and opacities, as other programs do not know
 //! it.
 //!
-//! Colours that are a display's already ([`ColorSpace::DisplaySrgb`]) stay what they are in a display
-//! bake, unless another curve or an exposure is asked for; those are of the light that the colours
-//! stand for.
+//! Colours that are a display's already ([`ColorSpace::DisplaySrgb`]) stay what they are in a
+//! display bake, unless another curve or an exposure is asked for; those are of the light that the
+//! colours stand for.
 //!
 //! Degenerate: where a fit undershoots 0 its view dependence is drawn towards the mean until it
 //! does not: viewers that do not clamp show negative colours as rainbow speckle.

@@ -29,8 +29,8 @@ pub(crate) struct BakeRecord {
     tonemap: Option<Tonemap>,
     /// Factor on the scene's normalised radiance.
     exposure: f32,
-    /// Space of the harmonics' colours in a linear bake; a display bake is sRGB, and has linear Rec.709
-    /// here.
+    /// Space of the harmonics' colours in a linear bake; a display bake is sRGB, and has linear
+    /// Rec.709 here.
     color_space: ColorSpace,
     /// How to rasterise.
     pub(crate) raster: RasterConfig,

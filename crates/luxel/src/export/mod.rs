@@ -53,8 +53,8 @@ pub enum BakeKind {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bake {
-    /// Kind of colours; `None` for exact in PLY and GLB, linear in USD, display in SPZ and SOG, and for
-    /// colours that are a display's already.
+    /// Kind of colours; `None` for exact in PLY and GLB, linear in USD, display in SPZ and SOG, and
+    /// for colours that are a display's already.
     pub kind: Option<BakeKind>,
     /// Colour space of a linear bake; `None` for that of the scene, in GLB linear Rec.709.
     pub color_space: Option<ColorSpace>,
