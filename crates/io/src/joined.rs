@@ -2,8 +2,8 @@
 //!
 //! In: the parts of a file of another program, with the transform of each to the file's world. Out:
 //! one scene in the local coordinates that suit all of them. Harmonics of lower degree are those of
-//! the highest with zeros. Degenerate: no parts are no scene; parts of different colours, rasterisers
-//! or models cannot be one scene and are an error.
+//! the highest with zeros. Degenerate: no parts are no scene; parts of different colours,
+//! rasterisers or models cannot be one scene and are an error.
 
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use luxel_core::{ColorModel, Scene, SceneBounds, Similarity, Splats, sh};

@@ -1,13 +1,13 @@
 //! Numbers of KHR_gaussian_splatting as files have them, which is not always as the final extension
 //! says.
 //!
-//! Drafts of the extension, and programs that followed them, wrote SCALE as logarithms and OPACITY as
-//! logits, as PLY has them, under the names of the final ones. A file does not state which: numbers
-//! that no length and no opacity can be tell.
+//! Drafts of the extension, and programs that followed them, wrote SCALE as logarithms and OPACITY
+//! as logits, as PLY has them, under the names of the final ones. A file does not state which:
+//! numbers that no length and no opacity can be tell.
 //!
-//! In: the numbers of an attribute. Out: logarithms and logits. Where most splats have such numbers,
-//! all are read by the old convention, with a warning; where only a few have, the file is wrong by
-//! either, and refused.
+//! In: the numbers of an attribute. Out: logarithms and logits. Where most splats have such
+//! numbers, all are read by the old convention, with a warning; where only a few have, the file is
+//! wrong by either, and refused.
 
 use luxel_core::{ColorSpace, logit};
 use serde_json::Value;

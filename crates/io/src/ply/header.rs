@@ -82,8 +82,8 @@ impl Element {
         self.properties.iter().position(|p| p.name == name)
     }
 
-    /// Returns the number that stands for white in a property of a colour: the largest of an unsigned
-    /// type, 1 of floats; `None` for other types.
+    /// Returns the number that stands for white in a property of a colour: the largest of an
+    /// unsigned type, 1 of floats; `None` for other types.
     pub(super) fn white(&self, property: &str) -> Option<f32> {
         match self.properties.get(self.position(property)?)?.kind {
             Kind::Scalar(Scalar::U8) => Some(255.0),

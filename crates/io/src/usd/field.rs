@@ -11,8 +11,8 @@ const RADIANCE: &str = "radiance:sphericalHarmonicsCoefficients";
 /// Attribute of colours as points have them.
 const DISPLAY_COLOR: &str = "primvars:displayColor";
 
-/// Removes the rows in which a number of any of the arrays is not finite, or which have no rotation;
-/// returns how many. An error if no row is left.
+/// Removes the rows in which a number of any of the arrays is not finite, or which have no
+/// rotation; returns how many. An error if no row is left.
 fn leave_out_unusable_rows(arrays: [&mut Vec<f32>; 5], widths: [usize; 5], count: usize) -> Result<LeftOut, String> {
     let mut is_finite = vec![true; count];
     for (array, width) in arrays.iter().zip(widths) {

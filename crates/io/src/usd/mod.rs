@@ -8,8 +8,8 @@
 //! bit. The colour space is in `colorSpace:name` (ColorSpaceAPI), the up axis is Y, and
 //! `customLayerData` has the record that Luxel needs to restore the bake.
 //!
-//! Reading: all such prims of a layer, where the transforms of the prims around them and their own put
-//! them; positions and the rest may be their half-float twins (`positionsh`, ...). Nothing is
+//! Reading: all such prims of a layer, where the transforms of the prims around them and their own
+//! put them; positions and the rest may be their half-float twins (`positionsh`, ...). Nothing is
 //! composed: references and variants are other programs' business (`usdcat --flatten`).
 
 mod binary;

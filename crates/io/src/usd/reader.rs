@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use glam::DMat4;
-use luxel_core::{RadianceScale, RasterConfig, Scene, Similarity, sh};
+use luxel_core::{Cutoffs, RadianceScale, RasterConfig, Scene, Similarity, sh};
 
 use super::cameras::{OPERATION, Transform};
 use super::field::{Field, is_read};
@@ -106,7 +106,9 @@ fn scene_of(path: &Path, fields: Vec<Field>, record: Option<String>) -> Result<S
         is_as_written &= record.as_ref().is_some_and(|record| is_moved_only_to(&matrix, record));
         let moved = similarity(matrix).map_err(|e| IoError::unsupported(path, e))?;
         let color_space = record.as_ref().map_or(field.color_space, BakeRecord::color_space);
-        let raster = record.as_ref().map_or_else(RasterConfig::default, |record| record.raster);
+        // Colours of a display are from programs that render as 3D Gaussian splatting does.
+        let cutoffs = if color_space.is_linear() { RasterConfig::default().cutoffs } else { Cutoffs::PARITY };
+        let raster = record.as_ref().map_or_else(|| RasterConfig { cutoffs, ..RasterConfig::default() }, |record| record.raster);
         let splats = field.splats(&mut warnings).map_err(|e| IoError::invalid(path, e))?;
         let radiance_scale = RadianceScale::ONE;
         let (edits, world_from_local, metres_per_unit) = (Vec::new(), Similarity::IDENTITY, None);
