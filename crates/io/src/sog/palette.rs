@@ -14,12 +14,21 @@ use rayon::prelude::*;
 const MOST: usize = 1 << 16;
 /// Splats for each row of the palette.
 const SPLATS_PER_ROW: usize = 8;
-/// Groups that rows are divided into at first.
-const GROUPS: usize = 128;
-/// Steps of k-means.
-const STEPS: usize = 8;
-/// Members of a group that its centre is the mean of; more change it little.
-const MEMBERS_PER_CENTER: usize = 8;
+/// Groups that rows are divided into at first: about as many as a group has palette rows at most,
+/// by which a row is compared with the fewest centres.
+const GROUPS: usize = 256;
+
+/// The work of one division by k-means.
+#[derive(Clone, Copy)]
+struct Effort {
+    /// Steps.
+    steps: usize,
+    /// Members of a group that its centre is the mean of; more change it little.
+    members_per_center: usize,
+}
+
+const INTO_GROUPS: Effort = Effort { steps: 8, members_per_center: 64 };
+const INTO_PALETTE: Effort = Effort { steps: 4, members_per_center: 8 };
 /// Centres that a row is compared with at a time.
 const LANES: usize = 16;
 
@@ -41,12 +50,12 @@ impl Palette {
         // Groups without a share get one row each.
         let size = (count / SPLATS_PER_ROW).clamp(1, MOST - GROUPS);
         let members: Vec<usize> = (0..count).collect();
-        let (_, groups) = divide(rows, width, &members, GROUPS.min(size));
+        let (_, groups) = divide(rows, width, &members, GROUPS.min(size), INTO_GROUPS);
         let mut of_groups = vec![Vec::new(); GROUPS.min(size)];
         groups.iter().enumerate().for_each(|(row, group)| of_groups[*group].push(row));
         let share = |members: &Vec<usize>| (members.len() * size / count).max(usize::from(!members.is_empty()));
         let divided: Vec<(Vec<f32>, Vec<usize>)> =
-            of_groups.par_iter().map(|members| divide(rows, width, members, share(members))).collect();
+            of_groups.par_iter().map(|members| divide(rows, width, members, share(members), INTO_PALETTE)).collect();
         let mut palette = Self { rows: Vec::new(), labels: vec![0; count] };
         for (members, (centers, numbers)) in of_groups.iter().zip(divided) {
             let first = palette.rows.len() / width;
@@ -62,7 +71,7 @@ impl Palette {
 
 /// Divides some of the rows into `count` groups. Returns the centres, and the group of each member.
 /// Centres are found on a part of the members, as many for each as make it a mean.
-fn divide(rows: &[f32], width: usize, members: &[usize], count: usize) -> (Vec<f32>, Vec<usize>) {
+fn divide(rows: &[f32], width: usize, members: &[usize], count: usize, effort: Effort) -> (Vec<f32>, Vec<usize>) {
     if count == 0 {
         return (Vec::new(), Vec::new());
     }
@@ -73,9 +82,9 @@ fn divide(rows: &[f32], width: usize, members: &[usize], count: usize) -> (Vec<f
         ((share * of as u64) >> 32) as usize
     };
     let mut centers: Vec<f32> = (0..count).flat_map(|n| row(members[start(n, members.len())])).copied().collect();
-    let step = (members.len() / (count * MEMBERS_PER_CENTER)).max(1);
+    let step = (members.len() / (count * effort.members_per_center)).max(1);
     let sample: Vec<usize> = members.iter().copied().step_by(step).collect();
-    for _ in 0..STEPS {
+    for _ in 0..effort.steps {
         let groups = nearest(rows, &Centers::new(&centers, width), &sample);
         let (mut sums, mut counts) = (vec![0.0f64; count * width], vec![0u32; count]);
         for (member, group) in sample.iter().zip(&groups) {

@@ -20,7 +20,7 @@ use crate::scene_file::SceneFile;
 /// Name of the description in the archive.
 const META: &str = "meta.json";
 
-/// What `meta.json` says. A file of the format's first version has no `version`.
+/// The content of `meta.json`. A file of the format's first version has no `version`.
 #[derive(Debug, Deserialize)]
 struct Meta {
     #[serde(default = "first_version")]

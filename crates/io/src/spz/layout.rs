@@ -7,8 +7,8 @@ use luxel_core::{Similarity, Splats, sh};
 pub(super) const MAGIC: u32 = 0x5053_474e;
 /// Flag: trained with anti-aliasing (Mip-splatting).
 pub(super) const FLAG_ANTIALIASED: u8 = 1;
-/// Flag: records of vendors between the header and the table of streams, in versions before 4 behind
-/// the blocks.
+/// Flag: records of vendors between the header and the table of streams, in versions before 4
+/// behind the blocks.
 pub(super) const FLAG_EXTENSIONS: u8 = 2;
 /// Record of the axes, `SPZ_ADOBE_coordinate_system`: a u32 of the numbers of [`FileAxes`].
 pub(super) const AXES_EXTENSION: u32 = 0xadbe_0003;
@@ -37,8 +37,8 @@ impl FileAxes {
     /// The format's convention.
     pub(super) const RIGHT_UP_BACK: Self = Self(['R', 'U', 'B']);
 
-    /// Returns the axes of a number of the extension: x to the left or right, y down or up, z back or
-    /// forward; from 9 on y and z exchanged.
+    /// Returns the axes of a number of the extension: x to the left or right, y down or up, z back
+    /// or forward; from 9 on y and z exchanged.
     pub(super) fn from_code(code: u32) -> Option<Self> {
         let at = code.checked_sub(1).filter(|at| *at < 16)?;
         let pick = |bit: u32, names: [char; 2]| if at >> bit & 1 == 1 { names[1] } else { names[0] };
@@ -48,8 +48,8 @@ impl FileAxes {
         }))
     }
 
-    /// Takes splats to right, down, forward. Axes of a left hand are a turn and the inversion of all
-    /// three, in which harmonics of odd degree change their sign.
+    /// Takes splats to right, down, forward. Axes of a left hand are a turn and the inversion of
+    /// all three, in which harmonics of odd degree change their sign.
     pub(super) fn apply(self, splats: &mut Splats) {
         let direction = |axis: char| match axis {
             'R' => DVec3::X,

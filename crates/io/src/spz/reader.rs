@@ -80,7 +80,7 @@ fn decode(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
 const UNSTATED_AXES: &str = "the file does not state its axes: read as right, up, back, which is the format's convention; if the scene is \
                              upside down, its program kept a PLY's axes, and half a turn about x makes it right";
 
-/// What a file holds.
+/// The content of a file.
 struct Content {
     head: Head,
     blocks: Vec<Vec<u8>>,

@@ -179,7 +179,8 @@ impl Head {
         bytes[..4].copy_from_slice(&MAGIC.to_le_bytes());
         bytes[4..8].copy_from_slice(&self.version.to_le_bytes());
         bytes[8..12].copy_from_slice(&self.count.to_le_bytes());
-        // Bakes are of an ordinary renderer, but for colours that another program's anti-aliasing made.
+        // Bakes are of an ordinary renderer, but for colours that another program's anti-aliasing
+        // made.
         let antialiased = if self.is_antialiased { FLAG_ANTIALIASED } else { 0 };
         // Only the last version has streams, and a place in front of them.
         let extensions = if streams > 0 { FLAG_EXTENSIONS } else { 0 };
