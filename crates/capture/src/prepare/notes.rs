@@ -42,7 +42,8 @@ pub(super) fn note_primaries(photos: &[Photograph], input_space: ColorSpace, not
     }
 }
 
-/// Notes pictures with a gain map, which is for one display at a time and says nothing about the camera.
+/// Notes pictures with a gain map, which is for one display at a time and says nothing about the
+/// camera.
 pub(super) fn note_gain_maps(photos: &[Photograph], notes: &mut Vec<PrepareNote>) {
     let count = photos.iter().filter(|photo| photo.info.has_gain_map).count();
     if count > 0 {

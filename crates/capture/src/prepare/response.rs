@@ -55,8 +55,8 @@ pub fn views_for_response(plan: &Plan) -> Vec<&PlannedView> {
     bracketed.into_iter().step_by(step).collect()
 }
 
-/// Returns the curve that all photographs state, if it is another than sRGB's, which developed pictures
-/// have unless something else is known. Where only some state another one, a note says so.
+/// Returns the curve that all photographs state, if it is another than sRGB's, which developed
+/// pictures have unless something else is known. Where only some state another one, a note says so.
 fn stated_curve(photos: &[Photograph], notes: &mut Vec<PrepareNote>) -> Option<StatedCurve> {
     let is_other = |curve: &Option<StatedCurve>| curve.is_some_and(|curve| curve != StatedCurve::Srgb);
     let curves: Vec<Option<StatedCurve>> = photos.iter().map(|photo| photo.info.curve).collect();
@@ -85,8 +85,9 @@ fn response_of(curve: StatedCurve) -> (ResponseCurve, String) {
     }
 }
 
-/// Chooses the curve of `photos`, or returns `None` where none is needed. `read_brackets` decodes the brackets
-/// of [`views_for_response`], thinned; it is called only if the curve is to be recovered.
+/// Chooses the curve of `photos`, or returns `None` where none is needed. `read_brackets` decodes
+/// the brackets of [`views_for_response`], thinned; it is called only if the curve is to be
+/// recovered.
 ///
 /// # Errors
 /// A curve that has to be recovered and cannot be.

@@ -18,9 +18,9 @@ pub(super) fn settle_space(image: &mut Image, chromaticities: &Chromaticities, w
     Ok(ColorSpace::LinearRec709)
 }
 
-/// Names the space of an image by the chromaticities that its file states, as [`settle_space`] does.
-/// Those that make no colour space, such as zeros of a program that knew none, count as not stated,
-/// with a warning.
+/// Names the space of an image by the chromaticities that its file states, as [`settle_space`]
+/// does. Those that make no colour space, such as zeros of a program that knew none, count as not
+/// stated, with a warning.
 pub(super) fn settle_stated(decoded: &mut DecodedImage, format: &str) {
     let Some(found) = decoded.chromaticities else { return };
     match settle_space(&mut decoded.image, &found, &mut decoded.warnings) {

@@ -1,5 +1,5 @@
-//! The attributes of an OpenEXR file's header: those of a written one put in order, and one of a read
-//! one hidden.
+//! The attributes of an OpenEXR file's header: those of a written one put in order, and one of a
+//! read one hidden.
 //!
 //! The library that writes holds further attributes in a hash map and writes them in its order,
 //! which differs from one process to the next: equal images would be unequal files. So the header
@@ -23,8 +23,8 @@ pub(super) fn sort_attributes(file: &mut [u8]) {
     }
 }
 
-/// Returns a file without the attribute `type` where it has no meaning: in files of one part that is
-/// not deep the bits of the version say what it is, and OpenEXR ignores the attribute, which the
+/// Returns a file without the attribute `type` where it has no meaning: in files of one part that
+/// is not deep the bits of the version say what it is, and OpenEXR ignores the attribute, which the
 /// library takes for a contradiction.
 pub(super) fn without_idle_type(file: &[u8]) -> Cow<'_, [u8]> {
     const DEEP_OR_PARTS: u8 = 0x18;

@@ -1,10 +1,10 @@
-//! Gain maps of JPEG: a second picture in the file that says how much brighter than white each part of
-//! the first one was. Of Ultra HDR (Android's, XMP in Adobe's namespace) and of ISO 21496-1.
+//! Gain maps of JPEG: a second picture in the file that says how much brighter than white each part
+//! of the first one was. Of Ultra HDR (Android's, XMP in Adobe's namespace) and of ISO 21496-1.
 //!
-//! In: a file, and the light of its first picture, 1 for white. Out: light beyond white, relative to
-//! the same white: `(light + base offset) * 2^gain - offset`, where the gain is between two bounds by
-//! the map's code to the power of 1 / gamma, bilinear between its pixels. The map is used in full, as
-//! on a display without a limit.
+//! In: a file, and the light of its first picture, 1 for white. Out: light beyond white, relative
+//! to the same white: `(light + base offset) * 2^gain - offset`, where the gain is between two
+//! bounds by the map's code to the power of 1 / gamma, bilinear between its pixels. The map is used
+//! in full, as on a display without a limit.
 //!
 //! Degenerate: a map whose description is missing or of a kind that is not applied (a first picture
 //! that is HDR already, another colour space, Apple's own) is named in a warning, and the first
@@ -42,7 +42,7 @@ struct GainMap {
     offset: [f32; 3],
 }
 
-/// What a file has.
+/// The map of a file, if there is one.
 #[derive(Clone, Debug, PartialEq)]
 enum Found<'a> {
     Nothing,

@@ -15,7 +15,7 @@ pub(super) const ATTRIBUTE: &str = "colorInteropID";
 
 const D65: [f32; 2] = [0.3127, 0.3290];
 
-/// What a name says.
+/// The meaning of a name.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum InteropSpace {
     /// Colours of these primaries, under a curve, where white is the numbers of `white`.
@@ -61,7 +61,8 @@ pub(super) fn parse(name: &str) -> InteropSpace {
     InteropSpace::Colors { chromaticities, curve, white }
 }
 
-/// Returns the name that the Color Interop Forum has for a space: `colorInteropID` of OpenEXR files.
+/// Returns the name that the Color Interop Forum has for a space: `colorInteropID` of OpenEXR
+/// files.
 pub fn name(space: ColorSpace) -> &'static str {
     match space {
         ColorSpace::LinearRec709 => "lin_rec709_scene",

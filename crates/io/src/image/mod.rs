@@ -324,7 +324,8 @@ pub(crate) fn jpeg_codes(name: &Path, bytes: &[u8]) -> Result<Option<(usize, usi
     guard::contain(name, || jpeg::codes(name, bytes)).map(Some)
 }
 
-/// Returns whether a picture of integer samples holds light beyond white by the curve that it states.
+/// Returns whether a picture of integer samples holds light beyond white by the curve that it
+/// states.
 pub(crate) fn states_hdr_curve(name: &Path, bytes: &[u8]) -> bool {
     matches!(Format::detect(name, bytes), Ok(Format::Png)) && png::states_hdr_curve(name, bytes)
 }

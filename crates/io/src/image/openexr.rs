@@ -2,8 +2,8 @@
 //! crate; HTJ2K and the newer ones of OpenEXR 3.5 are refused by name.
 //!
 //! Out: the display window; pixels outside of the data window are 0. Which part, layer and view is
-//! read: [`super::exr_layers`]. Of mip maps the full resolution. The space is that of `colorInteropID`,
-//! else of the chromaticities; absent, the standard's default is Rec.709.
+//! read: [`super::exr_layers`]. Of mip maps the full resolution. The space is that of
+//! `colorInteropID`, else of the chromaticities; absent, the standard's default is Rec.709.
 //!
 //! Blocks are decompressed on the calling thread: panics can be contained there, and data sets
 //! decode images in parallel anyway.

@@ -107,8 +107,8 @@ fn explain(name: &Path, error: &ImageError) -> IoError {
     }
 }
 
-/// Returns the factors that the pixels were multiplied by, per channel. Factors that are no positive
-/// numbers, such as the 0 that FreeImage writes, say nothing.
+/// Returns the factors that the pixels were multiplied by, per channel. Factors that are no
+/// positive numbers, such as the 0 that FreeImage writes, say nothing.
 fn gain(header: &HdrMetadata, warnings: &mut Vec<String>) -> [f32; 3] {
     let exposure = header.exposure.unwrap_or(1.0);
     let (r, g, b) = header.color_correction.unwrap_or((1.0, 1.0, 1.0));

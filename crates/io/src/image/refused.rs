@@ -24,7 +24,8 @@ const MAGIC: [(&[u8], &str); 15] = [
     (b"\x1aE\xdf\xa3", "a video, of which frames are prepared"),
 ];
 
-/// Returns the refusal of a file that is known to be something else; `None` for one that is not known.
+/// Returns the refusal of a file that is known to be something else; `None` for one that is not
+/// known.
 pub(super) fn known_by_name(name: &Path, head: &[u8]) -> Option<IoError> {
     if let Some(refused) = refused_scene(name, head) {
         return Some(refused);

@@ -1,6 +1,6 @@
 //! Photographs: samples as the camera recorded them, and the facts it wrote about them. Camera RAW
-//! as DNG, JPEG, PNG and TIFF as codes; OpenEXR, Radiance HDR, floating-point TIFF and pictures in high
-//! dynamic range (PNG in PQ or HLG, JPEG with a gain map) as radiance.
+//! as DNG, JPEG, PNG and TIFF as codes; OpenEXR, Radiance HDR, floating-point TIFF and pictures in
+//! high dynamic range (PNG in PQ or HLG, JPEG with a gain map) as radiance.
 //!
 //! In: bytes. Out: [`PhotoInfo`] from headers alone, [`Photo`] with pixels. Codes are as stored,
 //! not linear: what curve they have is for the caller to know or to find. Orientation tags are not
