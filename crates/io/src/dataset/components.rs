@@ -39,8 +39,8 @@ pub(super) struct ComponentCamera {
     pub(super) coordinates: Coordinates,
 }
 
-/// Returns the cameras of the component with the most of them, the first of equal ones, in the order
-/// of the file; and what is left out.
+/// Returns the cameras of the component with the most of them, the first of equal ones, in the
+/// order of the file; and what is left out.
 pub(super) fn largest(cameras: Vec<ComponentCamera>) -> (Vec<PosedCamera>, Option<String>) {
     let mut counts: BTreeMap<Coordinates, Vec<String>> = BTreeMap::new();
     for found in &cameras {
