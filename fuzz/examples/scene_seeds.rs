@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use luxel_core::{Activation, ColorModel, ColorSpace, RadianceScale, RasterConfig, Scene, synthetic};
 use luxel_io::{
-    Appearance, BakeOptions, Baked, SpzVersion, encode_baked_ply, encode_glb, encode_scene_ply, encode_spz, encode_usda, encode_usdc,
+    Appearance, BakeOptions, Baked, SpzVersion, encode_baked_ply, encode_glb, encode_scene_ply, encode_sog, encode_spz, encode_usda, encode_usdc,
 };
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -34,6 +34,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     write("usd_binary", "display.usdc", &encode_usdc(name, &display)?)?;
     write("gltf", "exact.glb", &encode_glb(name, &display, Some(&scene))?)?;
     write("gltf", "linear.glb", &encode_glb(name, &linear, None)?)?;
+    write("sog", "display.sog", &encode_sog(name, &display)?)?;
     for (version, file) in [(SpzVersion::V2, "v2.spz"), (SpzVersion::V3, "v3.spz"), (SpzVersion::V4, "v4.spz")] {
         write("spz", file, &encode_spz(name, &display, version)?)?;
     }

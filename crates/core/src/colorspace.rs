@@ -1,21 +1,23 @@
-//! Colour spaces of scene-linear RGB: their primaries, and the matrix from one to another.
+//! Colour spaces of scene-linear RGB: their primaries, and the matrix from one to another; and the
+//! one space of a display, whose numbers are not proportional to light.
 //!
 //! Matrices map linear RGB to linear RGB through CIE XYZ, with Bradford's adaptation between white
 //! points (ICC.1:2022, annex E). Nothing is clipped: a colour outside a space's gamut has negative
 //! channels. A matrix is linear, so it can be applied to harmonics instead of the colours they sum
 //! to ([`Conversion::apply_to_sh`]).
 //!
-//! Degenerate: chromaticities that define no colour space (collinear primaries, y of 0, NaN) have
-//! no matrix.
+//! Degenerate: chromaticities that define no colour space (collinear primaries, a white with y of 0,
+//! NaN) have no matrix.
 
 use std::sync::LazyLock;
 
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
+use crate::tone::srgb_decode;
 use crate::{SH_OFFSET, sh};
 
-/// A colour space of scene-linear RGB.
+/// A colour space of scene-linear RGB, or that of a display's colours.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ColorSpace {
@@ -32,6 +34,9 @@ pub enum ColorSpace {
     /// AP1 primaries, ACES white.
     #[serde(rename = "acescg", alias = "aces-cg")]
     AcesCg,
+    /// Rec.709 primaries, D65, under sRGB's curve: the colours of a display, which most programs of
+    /// 3D Gaussian splatting train on and write. Of scenes only: images are decoded to light.
+    DisplaySrgb,
 }
 
 /// CIE xy coordinates of red, green, blue and white.
@@ -42,10 +47,10 @@ pub type Chromaticities = [[f32; 2]; 4];
 const TOLERANCE: f32 = 1.5e-3;
 
 impl ColorSpace {
-    /// All colour spaces.
+    /// All spaces of scene-linear RGB.
     pub const ALL: [Self; 5] = [Self::LinearRec709, Self::LinearDisplayP3, Self::LinearRec2020, Self::Aces2065, Self::AcesCg];
 
-    /// Names of all colour spaces, for messages.
+    /// Names of those, for messages.
     pub const NAMES: &str = "linear-rec709, linear-display-p3, linear-rec2020, aces2065-1 or acescg";
 
     /// Returns the name written in files.
@@ -56,12 +61,47 @@ impl ColorSpace {
             Self::LinearRec2020 => "linear-rec2020",
             Self::Aces2065 => "aces2065-1",
             Self::AcesCg => "acescg",
+            Self::DisplaySrgb => "display-srgb",
         }
     }
 
-    /// Returns the space of this name.
+    /// Returns the scene-linear space of this name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|space| space.name() == name)
+    }
+
+    /// Returns the space of this name, of a scene's colours: also a display's.
+    pub fn of_scene(name: &str) -> Option<Self> {
+        Self::from_name(name).or_else(|| (name == Self::DisplaySrgb.name()).then_some(Self::DisplaySrgb))
+    }
+
+    /// Returns whether numbers are proportional to light.
+    ///
+    /// ```
+    /// use luxel_core::ColorSpace;
+    ///
+    /// assert!(ColorSpace::AcesCg.is_linear() && !ColorSpace::DisplaySrgb.is_linear());
+    /// ```
+    pub fn is_linear(self) -> bool {
+        self != Self::DisplaySrgb
+    }
+
+    /// Returns the space of its light, in the same primaries.
+    pub fn linear(self) -> Self {
+        if self.is_linear() { self } else { Self::LinearRec709 }
+    }
+
+    /// Returns a colour as [`Conversion::between`] this space and `to` takes it: its light, where `to`
+    /// is one of light.
+    #[inline]
+    pub fn towards(self, to: Self, rgb: [f32; 3]) -> [f32; 3] {
+        if to.is_linear() { self.light(rgb) } else { rgb }
+    }
+
+    /// Returns the light of a colour, in the same primaries.
+    #[inline]
+    pub fn light(self, rgb: [f32; 3]) -> [f32; 3] {
+        if self.is_linear() { rgb } else { rgb.map(srgb_decode) }
     }
 
     /// Returns primaries and white (ITU-R BT.709, SMPTE EG 432-1, ITU-R BT.2020, SMPTE ST 2065-1,
@@ -70,7 +110,7 @@ impl ColorSpace {
         const D65: [f32; 2] = [0.3127, 0.3290];
         const ACES_WHITE: [f32; 2] = [0.32168, 0.33767];
         match self {
-            Self::LinearRec709 => [[0.64, 0.33], [0.30, 0.60], [0.15, 0.06], D65],
+            Self::LinearRec709 | Self::DisplaySrgb => [[0.64, 0.33], [0.30, 0.60], [0.15, 0.06], D65],
             Self::LinearDisplayP3 => [[0.680, 0.320], [0.265, 0.690], [0.150, 0.060], D65],
             Self::LinearRec2020 => [[0.708, 0.292], [0.170, 0.797], [0.131, 0.046], D65],
             Self::Aces2065 => [[0.7347, 0.2653], [0.0, 1.0], [0.0001, -0.0770], ACES_WHITE],
@@ -95,10 +135,10 @@ pub struct Conversion {
 }
 
 impl Conversion {
-    /// Returns the conversion between two named spaces; exactly the identity from a space to
-    /// itself.
+    /// Returns the conversion between two named spaces, of light; exactly the identity from a space to
+    /// itself. That of a display is taken by its primaries: see [`ColorSpace::light`].
     pub fn between(from: ColorSpace, to: ColorSpace) -> Self {
-        if from == to {
+        if from == to || (from.chromaticities() == to.chromaticities()) {
             return Self { matrix: DMat3::IDENTITY };
         }
         // All named spaces have valid primaries; a test checks every pair.
@@ -165,12 +205,13 @@ static TO_REC709: LazyLock<[Conversion; ColorSpace::ALL.len()]> =
     LazyLock::new(|| ColorSpace::ALL.map(|space| Conversion::between(space, ColorSpace::LinearRec709)));
 
 impl ColorSpace {
-    /// Converts radiance in this space to linear Rec.709. Out-of-gamut colours have negative
+    /// Converts colours in this space to linear Rec.709. Out-of-gamut colours have negative
     /// channels.
     #[inline]
     pub fn to_rec709(self, rgb: [f32; 3]) -> [f32; 3] {
         match self {
             Self::LinearRec709 => rgb,
+            Self::DisplaySrgb => self.light(rgb),
             _ => TO_REC709[self as usize].apply(rgb),
         }
     }
@@ -180,8 +221,12 @@ impl ColorSpace {
 fn xyz_from_rgb(chromaticities: &Chromaticities) -> Option<(DMat3, DVec3)> {
     let [red, green, blue, white] = chromaticities.map(|xy| {
         let [x, y] = xy.map(f64::from);
-        DVec3::new(x / y, 1.0, (1.0 - x - y) / y)
+        // Of a primary only the direction counts: those of CIE XYZ have a y of 0.
+        if y == 0.0 { DVec3::new(x, 0.0, 1.0 - x) } else { DVec3::new(x / y, 1.0, (1.0 - x - y) / y) }
     });
+    if white.y != 1.0 {
+        return None;
+    }
     let primaries = DMat3::from_cols(red, green, blue);
     let amounts = inverse(primaries)? * white;
     Some((primaries * DMat3::from_diagonal(amounts), white)).filter(|(m, w)| m.is_finite() && w.is_finite())
@@ -269,6 +314,27 @@ mod tests {
             assert_eq!(serde_json::to_string(&space).unwrap(), format!("\"{}\"", space.name()));
         }
         assert_eq!(ColorSpace::from_chromaticities(&[[0.0; 2]; 4]), None);
+    }
+
+    #[test]
+    fn colours_of_a_display_are_decoded_to_light_and_are_no_space_of_images() {
+        let space = ColorSpace::DisplaySrgb;
+        assert!((space.to_rec709([0.5, 1.0, 0.0])[0] - 0.214_041).abs() < 1e-6);
+        assert_eq!(space.light([1.0; 3]), [1.0; 3]);
+        assert_eq!((ColorSpace::from_name(space.name()), ColorSpace::of_scene(space.name())), (None, Some(space)));
+        assert_eq!(ColorSpace::from_chromaticities(&space.chromaticities()), Some(ColorSpace::LinearRec709));
+    }
+
+    #[test]
+    fn primaries_of_cie_xyz_are_a_colour_space() {
+        let xyz = [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [1.0 / 3.0, 1.0 / 3.0]];
+        let conversion = Conversion::from_chromaticities(&xyz, &ColorSpace::LinearRec709.chromaticities()).unwrap();
+        assert!(conversion.apply([1.0; 3]).iter().all(|v| (v - 1.0).abs() < 1e-5));
+        // XYZ under D65, as sRGB's standard has its matrix.
+        let d65 = [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [0.3127, 0.3290]];
+        let rows = Conversion::from_chromaticities(&d65, &ColorSpace::LinearRec709.chromaticities()).unwrap().rows();
+        // Units of X and Z are those of white, which is 1 1 1 here.
+        assert!((rows[0][0] - 3.2406 * 0.95046).abs() < 1e-3 && (rows[2][2] - 1.0570 * 1.08906).abs() < 1e-3, "{rows:?}");
     }
 
     #[test]

@@ -39,6 +39,21 @@ pub struct PhotoInfo {
     /// CIE xy of red, green, blue and white that a developed picture states: by PNG's chunks, or by
     /// a profile of a known space.
     pub primaries: Option<Chromaticities>,
+    /// Curve of a developed picture's codes, where its file states one: PNG's chunks.
+    pub curve: Option<StatedCurve>,
+    /// Whether the file has a gain map, which makes light beyond white of its picture.
+    pub has_gain_map: bool,
+}
+
+/// A curve between codes and light that a file states.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum StatedCurve {
+    /// Codes are proportional to light.
+    Linear,
+    /// IEC 61966-2-1.
+    Srgb,
+    /// light = code ^ exponent.
+    Power(f64),
 }
 
 /// The facts that a camera wrote about a photograph (Exif).

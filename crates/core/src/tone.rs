@@ -194,6 +194,16 @@ pub fn rec709_of(space: ColorSpace, rgb: [f32; 3]) -> [f32; 3] {
     space.to_rec709(rgb)
 }
 
+/// Returns colours in `space` as linear Rec.709 light, times an exposure: on the numbers where they
+/// are proportional to light, else on the light that they stand for.
+#[inline]
+pub fn exposed_rec709(space: ColorSpace, rgb: [f32; 3], exposure: f32) -> [f32; 3] {
+    match space.is_linear() {
+        true => rec709_of(space, rgb.map(|c| c * exposure)),
+        false => rec709_of(space, rgb).map(|c| c * exposure),
+    }
+}
+
 fn transform(matrix: &[[f32; 3]; 3], v: [f32; 3]) -> [f32; 3] {
     matrix.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
 }

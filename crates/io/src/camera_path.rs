@@ -11,7 +11,7 @@
 use std::collections::HashSet;
 use std::path::Path;
 
-use luxel_core::{Camera, Distortion, MAX_SIDE_PX};
+use luxel_core::{Camera, Distortion, MAX_SIDE_PX, Remedy};
 use serde_json::{Map, Value, json};
 
 use crate::IoError;
@@ -124,7 +124,7 @@ impl File<'_> {
 
     /// Returns a camera path, by way of the equivalent `transforms.json`.
     fn nerfstudio(&self, root: &Map<String, Value>) -> Result<Vec<PathCamera>, IoError> {
-        self.check_type("header", root)?;
+        let of_path = self.lens_type("header", root)?.unwrap_or(LensType::Perspective);
         let Some(cameras) = root.get("camera_path").and_then(Value::as_array) else {
             return Err(self.invalid("\"camera_path\"", "expected a list of cameras"));
         };
@@ -132,8 +132,8 @@ impl File<'_> {
         let frame = |(i, camera): (usize, &Value)| {
             let place = format!("camera {i}");
             let camera = camera.as_object().ok_or_else(|| self.invalid(&place, "expected an object with \"camera_to_world\""))?;
-            self.check_type(&place, camera)?;
-            self.nerfstudio_frame(&place, camera, size_px, frame_name(i))
+            let lens = self.lens_type(&place, camera)?.unwrap_or(of_path);
+            self.nerfstudio_frame(&place, camera, lens, size_px, frame_name(i))
         };
         let frames: Vec<Value> = cameras.iter().enumerate().map(frame).collect::<Result<_, _>>()?;
         self.parse(&json!({ "frames": frames })).map_err(|mut e| {
@@ -147,6 +147,7 @@ impl File<'_> {
         &self,
         place: &str,
         camera: &Map<String, Value>,
+        lens: LensType,
         size_px: [Option<u32>; 2],
         name: String,
     ) -> Result<Value, IoError> {
@@ -156,11 +157,24 @@ impl File<'_> {
             return Err(self.invalid(place, "\"camera_to_world\" is missing or wrong, expected a list of 16 numbers (4 rows of 4)"));
         };
         let rows: Vec<&[f64]> = matrix.chunks(4).collect();
+        let [w, h] = self.render_size(place, camera, size_px)?;
+        let mut frame = json!({ "file_path": name, "transform_matrix": rows, "w": w, "h": h });
+        if lens == LensType::Equirectangular {
+            frame["camera_model"] = "EQUIRECTANGULAR".into();
+            return Ok(frame);
+        }
         let fov = camera.get("fov").and_then(Value::as_f64).filter(|fov| *fov > 0.0 && *fov < 180.0);
         let fov =
             fov.ok_or_else(|| self.invalid(place, "\"fov\" is missing or wrong, expected the vertical angle of view, 0 to 180 degrees"))?;
-        let [w, h] = self.render_size(place, camera, size_px)?;
-        Ok(json!({ "file_path": name, "transform_matrix": rows, "camera_angle_y": fov.to_radians(), "w": w, "h": h }))
+        if lens == LensType::Fisheye {
+            // Nerfstudio has the focal length of a pinhole of this angle.
+            let focal_px = 0.5 * f64::from(h) / (0.5 * fov.to_radians()).tan();
+            frame["camera_model"] = "OPENCV_FISHEYE".into();
+            (frame["fl_x"], frame["fl_y"]) = (focal_px.into(), focal_px.into());
+            return Ok(frame);
+        }
+        frame["camera_angle_y"] = fov.to_radians().into();
+        Ok(frame)
     }
 
     /// Returns the size that the file states; the height alone with the camera's aspect; the
@@ -186,16 +200,32 @@ impl File<'_> {
         side.map(|s| Some(s as u32)).ok_or_else(|| self.invalid("header", message()))
     }
 
-    fn check_type(&self, place: &str, object: &Map<String, Value>) -> Result<(), IoError> {
-        match object.get("camera_type") {
-            None => Ok(()),
-            Some(Value::String(kind)) if kind.eq_ignore_ascii_case("perspective") => Ok(()),
-            Some(other) => {
-                let message = format!("{place}: \"camera_type\" is {other}, expected \"perspective\"");
-                Err(IoError::unsupported(self.path, message))
+    /// Returns the kind of lens that an object of a path states.
+    fn lens_type(&self, place: &str, object: &Map<String, Value>) -> Result<Option<LensType>, IoError> {
+        let Some(stated) = object.get("camera_type") else { return Ok(None) };
+        let kind = stated.as_str().unwrap_or_default().to_ascii_lowercase();
+        match kind.as_str() {
+            "perspective" => Ok(Some(LensType::Perspective)),
+            "fisheye" => Ok(Some(LensType::Fisheye)),
+            "equirectangular" => Ok(Some(LensType::Equirectangular)),
+            _ => {
+                let message = format!("{place}: \"camera_type\" is {stated}, expected \"perspective\", \"fisheye\" or \"equirectangular\"");
+                let stereo = Remedy::advice("for two eyes render panoramas as pairs");
+                let remedy = Remedy::set("projection", "equirectangular").or(stereo);
+                Err(IoError::unsupported(self.path, message).with_remedy(remedy))
             }
         }
     }
+}
+
+/// The lens of a camera path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum LensType {
+    Perspective,
+    /// Equidistant.
+    Fisheye,
+    /// A whole panorama.
+    Equirectangular,
 }
 
 /// Gives a frame the default camera's lens, scaled to the height that the frame or the file states;
@@ -331,14 +361,29 @@ mod tests {
     }
 
     #[test]
+    fn nerfstudio_paths_of_panoramas_and_fisheyes_are_read() {
+        let camera = |root: &str, own: &str| {
+            let json = nerfstudio(&format!(r#"{root} "render_width": 256, "render_height": 128,"#), &format!(r#"{own} "fov": 90"#));
+            decode(&json, None).unwrap().remove(0).camera
+        };
+        let panorama = camera(r#""camera_type": "equirectangular","#, "");
+        assert_eq!((panorama.projection, panorama.size_px), (CameraProjection::Equirectangular, [256, 128]));
+        // The middle of the picture looks along the camera's axis.
+        assert_eq!(panorama.forward(), DVec3::new(0.0, 0.0, -1.0));
+        let fisheye = camera("", r#""camera_type": "fisheye","#);
+        assert!(matches!(fisheye.projection, CameraProjection::Fisheye(_)) && (fisheye.focal_px.x - 64.0).abs() < 1e-9);
+        // A camera's own kind goes before the path's.
+        let own = camera(r#""camera_type": "equirectangular","#, r#""camera_type": "perspective","#);
+        assert_eq!(own.projection, CameraProjection::Pinhole);
+    }
+
+    #[test]
     fn bad_files_are_refused_with_place_and_expectation() {
         let size = r#""render_width": 64, "render_height": 48,"#;
         let path = |root: &str, camera: &str| decode(&nerfstudio(root, camera), None).unwrap_err();
-        for kind in ["fisheye", "equirectangular"] {
-            let error = path(&format!(r#""camera_type": "{kind}", {size}"#), r#""fov": 90"#);
-            assert_eq!(error.kind, IoErrorKind::Unsupported);
-            assert!(error.message.contains("expected \"perspective\""), "{error}");
-        }
+        let error = path(&format!(r#""camera_type": "omnidirectional", {size}"#), r#""fov": 90"#);
+        assert_eq!(error.kind, IoErrorKind::Unsupported);
+        assert!(error.message.contains("expected \"perspective\"") && error.remedy.is_some(), "{error}");
         assert!(path(size, r#""fov": 180"#).message.starts_with("camera 0: \"fov\" is missing or wrong"));
         assert!(path(r#""render_width": 0, "render_height": 48,"#, r#""fov": 90"#).message.contains("\"render_width\" is 0"));
         assert!(path(r#""render_width": 1e9, "render_height": 48,"#, r#""fov": 90"#).message.contains("from 1 to 65536"));
@@ -354,7 +399,7 @@ mod tests {
         assert!(error("[1]").contains("expected an object"));
         assert!(error("{}").contains("neither \"frames\""));
         assert!(error("{").contains("not JSON"));
-        assert!(error(&"[".repeat(100_000)).contains("not JSON"));
+        assert!(error(&"[".repeat(200)).contains("not JSON"));
         assert!(error(r#"{"frames": []}"#).contains("no cameras"));
         assert!(error(r#"{"camera_path": 3}"#).contains("expected a list"));
         assert!(error(r#"{"camera_path": [3]}"#).contains("camera 0: expected an object"));

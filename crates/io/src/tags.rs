@@ -77,30 +77,78 @@ impl Kind {
     }
 }
 
+/// The entries of the first directory of a TIFF or BigTIFF, by their places.
+struct Places<'a> {
+    tags: Tags<'a>,
+    is_big: bool,
+    start: usize,
+    count: usize,
+}
+
+impl<'a> Places<'a> {
+    fn new(bytes: &'a [u8]) -> Option<Self> {
+        let (is_big_endian, is_big) = match bytes.get(..4)? {
+            b"II*\0" => (false, false),
+            b"MM\0*" => (true, false),
+            b"II+\0" => (false, true),
+            b"MM\0+" => (true, true),
+            _ => return None,
+        };
+        let tags = Tags { bytes, is_big_endian, first_ifd: 0 };
+        let mut places = Self { tags, is_big, start: 0, count: 0 };
+        let directory = usize::try_from(places.size(if is_big { 8 } else { 4 })?).ok()?;
+        let (entries, start) = match is_big {
+            true => (places.size(directory)?, directory.checked_add(8)?),
+            false => (tags.u16_at(directory)?.into(), directory.checked_add(2)?),
+        };
+        // No more entries than the file has bytes for.
+        let most = bytes.len().saturating_sub(start) / places.stride();
+        (places.start, places.count) = (start, most.min(usize::try_from(entries).unwrap_or(most)));
+        Some(places)
+    }
+
+    fn stride(&self) -> usize {
+        if self.is_big { 20 } else { 12 }
+    }
+
+    /// Returns the offset or count at a place.
+    fn size(&self, at: usize) -> Option<u64> {
+        if self.is_big { self.tags.u64_at(at) } else { self.tags.u32_at(at).map(u64::from) }
+    }
+
+    /// Returns the places of all entries.
+    fn all(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..self.count).map(|i| self.start + self.stride() * i)
+    }
+}
+
 /// Returns the tag of the first directory of a TIFF or BigTIFF that claims a text longer than the
 /// file.
 pub(crate) fn endless_text(bytes: &[u8]) -> Option<u16> {
-    let (is_big_endian, is_big) = match bytes.get(..4)? {
-        b"II*\0" => (false, false),
-        b"MM\0*" => (true, false),
-        b"II+\0" => (false, true),
-        b"MM\0+" => (true, true),
-        _ => return None,
-    };
-    let tags = Tags { bytes, is_big_endian, first_ifd: 0 };
-    let size = |at: usize| if is_big { tags.u64_at(at) } else { tags.u32_at(at).map(u64::from) };
-    let directory = usize::try_from(size(if is_big { 8 } else { 4 })?).ok()?;
-    let (entries, start, stride) = match is_big {
-        true => (size(directory)?, directory.checked_add(8)?, 20),
-        false => (tags.u16_at(directory)?.into(), directory.checked_add(2)?, 12),
-    };
-    // No more entries than the file has bytes for.
-    let most = bytes.len().saturating_sub(start) / stride;
+    let places = Places::new(bytes)?;
     let endless = |at: usize| {
-        let is_text = Kind::from_code(tags.u16_at(at + 2)?) == Some(Kind::Ascii);
-        (is_text && size(at + 4)? > bytes.len() as u64).then(|| tags.u16_at(at))?
+        let is_text = Kind::from_code(places.tags.u16_at(at + 2)?) == Some(Kind::Ascii);
+        (is_text && places.size(at + 4)? > bytes.len() as u64).then(|| places.tags.u16_at(at))?
     };
-    (0..most.min(usize::try_from(entries).unwrap_or(most))).find_map(|i| endless(start + stride * i))
+    places.all().find_map(endless)
+}
+
+/// Sets the only number of an entry of the first directory, 16 or 32 bits; others stay as they are.
+pub(crate) fn set_number(bytes: &mut [u8], tag: u16, value: u16) {
+    let Some(places) = Places::new(bytes) else { return };
+    let Some(at) = places.all().find(|at| places.tags.u16_at(*at) == Some(tag)) else { return };
+    let (kind, is_big_endian) = (places.tags.u16_at(at + 2).and_then(Kind::from_code), places.tags.is_big_endian);
+    let start = at + if places.is_big { 12 } else { 8 };
+    let number: &[u8] = match (kind, is_big_endian) {
+        (Some(Kind::Short), true) => &value.to_be_bytes(),
+        (Some(Kind::Short), false) => &value.to_le_bytes(),
+        (Some(Kind::Long), true) => &u32::from(value).to_be_bytes(),
+        (Some(Kind::Long), false) => &u32::from(value).to_le_bytes(),
+        _ => return,
+    };
+    if let Some(place) = bytes.get_mut(start..start + number.len()) {
+        place.copy_from_slice(number);
+    }
 }
 
 impl<'a> Tags<'a> {

@@ -118,7 +118,8 @@ fn huge_claims_are_refused_without_memory() {
     let exr = &files()[0].1;
     // Windows are four i32: x min, y min, x max, y max, inclusive.
     let window = |x: i32, y: i32| [0, 0, x, y].map(i32::to_le_bytes).concat();
-    let claims = [(i32::MAX, i32::MAX), (1 << 30, 1 << 30), ((1 << 20) - 1, (1 << 20) - 1), (65535, 65535), (1 << 29, 0)];
+    // A side, and then a product, just beyond what a file of this length may claim.
+    let claims = [(65_536, 0), (12_287, 12_287)];
     let folder = tempfile::tempdir().unwrap();
     for (x, y) in claims {
         let lie = patched(exr, &window(23, 39), &window(x, y));
@@ -128,19 +129,19 @@ fn huge_claims_are_refused_without_memory() {
         std::fs::write(&path, &lie).unwrap();
         assert!(image_size(&path).is_err(), "{x} x {y}");
     }
-    for size in ["-Y 2147483648 +X 2147483648", "-Y 1048576 +X 1048576", "-Y 65536 +X 65536", "-Y 0 +X 5", "-Y 99999999999 +X 1"] {
+    for size in ["-Y 4608 +X 4608", "-Y 1 +X 65537", "-Y 0 +X 5"] {
         let lie = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n{size}\n\x02\x02");
         assert!(decode_image(Path::new("lie.hdr"), lie.as_bytes(), &LINEAR).is_err(), "{size}");
     }
     let png = encode_png(3, 2, &[0; 18]).unwrap();
-    for side in [i32::MAX as u32, 1 << 20, 65_536] {
+    for side in [4608u32, 5000] {
         let size = [side.to_be_bytes(), side.to_be_bytes()].concat();
         let lie = patched(&png, &[0, 0, 0, 3, 0, 0, 0, 2], &size);
         let error = decode_image(Path::new("lie.png"), &lie, &LINEAR).unwrap_err();
         assert!(error.message.contains(&side.to_string()), "{error}");
     }
     let tiff = &files().iter().find(|(kind, _)| *kind == "tiff").unwrap().1;
-    for side in [u32::MAX, 1 << 20, 65_536] {
+    for side in [15_360u32] {
         let mut lie = tiff.clone();
         // Width and length, tags 256 and 257, one long each.
         for tag in [256u16, 257] {
@@ -184,12 +185,12 @@ fn counts_in_dwa_blocks_are_held_against_the_block() {
     for head in heads {
         // The counters: bytes without loss, of runs, in runs, AC and DC coefficients.
         for counter in [1, 6, 7, 8, 9] {
-            for claim in [1u64 << 17, 1 << 31, 1 << 34, 1 << 40, i64::MAX as u64, u64::MAX] {
-                let mut lie = whole.clone();
-                lie[head + 8 * counter..head + 8 * counter + 8].copy_from_slice(&claim.to_le_bytes());
-                let error = decode_image(Path::new("lie.exr"), &lie, &LINEAR).unwrap_err();
-                assert!(error.message.contains(&format!("claims {claim} ")), "counter {counter}, {claim}: {error}");
-            }
+            // More than the block has, and no more than any memory.
+            let claim = 1u64 << 17;
+            let mut lie = whole.clone();
+            lie[head + 8 * counter..head + 8 * counter + 8].copy_from_slice(&claim.to_le_bytes());
+            let error = decode_image(Path::new("lie.exr"), &lie, &LINEAR).unwrap_err();
+            assert!(error.message.contains(&format!("claims {claim} ")), "counter {counter}, {claim}: {error}");
         }
     }
 }
@@ -200,7 +201,8 @@ fn a_text_longer_than_a_tiff_is_refused() {
     // The number of bytes in each strip, tag 279, as a text.
     let at = lie.windows(3).position(|window| window == [23, 1, 4]).unwrap();
     lie[at + 2] = 2;
-    lie[at + 4..at + 8].copy_from_slice(&u32::MAX.to_le_bytes());
+    let longer = lie.len() as u32 + 1;
+    lie[at + 4..at + 8].copy_from_slice(&longer.to_le_bytes());
     let error = decode_image(Path::new("lie.tif"), &lie, &LINEAR).unwrap_err();
     assert!(error.message.contains("tag 279 claims a text longer than the file"), "{error}");
 }
@@ -214,9 +216,11 @@ fn missing_empty_and_foreign_files_are_told_apart() {
     assert!(read_image(folder.path(), &LINEAR).unwrap_err().message.contains("not a regular file"));
     let empty = decode_image(Path::new("a.exr"), &[], &LINEAR).unwrap_err();
     assert!(empty.message.contains("empty"), "{empty}");
-    let foreign = decode_image(Path::new("a.exr"), b"GIF89a.....", &LINEAR).unwrap_err();
-    assert_eq!(foreign.kind, IoErrorKind::Unsupported);
-    assert!(foreign.message.contains("47 49 46") && foreign.message.contains("OpenEXR"), "{foreign}");
+    for (bytes, part) in [(&b"GIF89a....."[..], "GIF"), (b"\x01\x02\x03\x04", "01 02 03 04")] {
+        let foreign = decode_image(Path::new("a.exr"), bytes, &LINEAR).unwrap_err();
+        assert_eq!(foreign.kind, IoErrorKind::Unsupported);
+        assert!(foreign.message.contains(part) && foreign.message.contains("OpenEXR"), "{foreign}");
+    }
 }
 
 const MAGICS: [&[u8]; 7] = [

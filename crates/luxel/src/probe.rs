@@ -306,10 +306,11 @@ impl ProbeWork {
         let (projection, at) = (options.projection, options.at);
         let (mut image, alpha) = map.into_map(&rig);
         let alpha = options.alpha.then_some(alpha);
-        let color_space = options.color_space.unwrap_or(space);
+        // Maps are of light, whatever the scene is of.
+        let color_space = options.color_space.unwrap_or(space.linear());
         let conversion = Conversion::between(space, color_space);
         for pixel in &mut image.pixels {
-            *pixel = conversion.apply(radiance_scale.restored(*pixel));
+            *pixel = conversion.apply(space.towards(color_space, radiance_scale.restored(*pixel)));
         }
         let (summary, lights) = (Summary::new(&image, projection), lights(&image, projection));
         Probe {

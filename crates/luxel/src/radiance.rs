@@ -87,7 +87,7 @@ impl Radiance {
     pub fn to_color_space(mut self, color_space: ColorSpace) -> Self {
         let conversion = Conversion::between(self.color_space, color_space);
         for pixel in &mut self.image.pixels {
-            *pixel = conversion.apply(*pixel);
+            *pixel = conversion.apply(self.color_space.towards(color_space, *pixel));
         }
         Self { color_space, ..self }
     }
@@ -122,7 +122,8 @@ impl Radiance {
         const MAX_NITS: f32 = 10_000.0;
         let conversion = Conversion::between(self.color_space, ColorSpace::LinearRec2020);
         let gain = self.radiance_scale.normalised_value(exposure_ev.exp2()) * REFERENCE_WHITE_NITS;
-        let nits = |rgb: &[f32; 3]| conversion.apply(*rgb).map(|c| if c > 0.0 { (c * gain).min(MAX_NITS) } else { 0.0 });
+        let nits =
+            |rgb: &[f32; 3]| conversion.apply(self.color_space.light(*rgb)).map(|c| if c > 0.0 { (c * gain).min(MAX_NITS) } else { 0.0 });
         let (mut codes, mut levels) = (Vec::with_capacity(3 * self.pixels().len()), LightLevels::default());
         for pixel in self.pixels() {
             let light = nits(pixel);

@@ -93,7 +93,7 @@ pub(crate) fn write_exr(
     }
     let options = ExrOptions {
         sample,
-        color_space: names::color_space(color_space)?,
+        color_space: names::scene_color_space(color_space)?,
         attributes: texts,
         numbers,
         camera: camera.map(PyCamera::world),
@@ -132,7 +132,7 @@ pub(crate) fn write_preview(
     white: f32,
     color_space: &str,
 ) -> PyResult<()> {
-    let (image, space, curve) = (image_of("image", image)?, names::color_space(color_space)?, names::tonemap(tonemap)?);
+    let (image, space, curve) = (image_of("image", image)?, names::scene_color_space(color_space)?, names::tonemap(tonemap)?);
     if !(white > 0.0 && white.is_finite()) {
         return Err(invalid(format!("white: found {white}, expected a positive radiance")));
     }
@@ -153,7 +153,8 @@ pub(crate) fn convert_color_space<'py>(
     target: &str,
 ) -> PyResult<Bound<'py, PyArray3<f32>>> {
     let Image { width, height, mut pixels } = image_of("image", image)?;
-    let conversion = Conversion::between(names::color_space(source)?, names::color_space(target)?);
-    pixels.iter_mut().for_each(|pixel| *pixel = conversion.apply(*pixel));
+    let (source, target) = (names::scene_color_space(source)?, names::color_space(target)?);
+    let conversion = Conversion::between(source, target);
+    pixels.iter_mut().for_each(|pixel| *pixel = conversion.apply(source.towards(target, *pixel)));
     image_array(py, Image { width, height, pixels })
 }

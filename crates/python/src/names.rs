@@ -11,6 +11,12 @@ pub(crate) fn color_space(name: &str) -> PyResult<ColorSpace> {
     ColorSpace::from_name(name).ok_or_else(|| invalid(format!("color_space: found {name:?}, expected {}", ColorSpace::NAMES)))
 }
 
+/// Returns a colour space of a scene's colours, or of its renders: also that of a display.
+pub(crate) fn scene_color_space(name: &str) -> PyResult<ColorSpace> {
+    let unknown = || invalid(format!("color_space: found {name:?}, expected {}, or {}", ColorSpace::NAMES, ColorSpace::DisplaySrgb.name()));
+    ColorSpace::of_scene(name).ok_or_else(unknown)
+}
+
 /// Returns a colour space, if one is named.
 pub(crate) fn optional_color_space(name: Option<&str>) -> PyResult<Option<ColorSpace>> {
     name.map(color_space).transpose()

@@ -130,7 +130,8 @@ impl PyScene {
     ///     color_model: "sh0" to "sh5", "logsh0" to "logsh5", "lcd", or with degrees and activation
     ///         "lcd-c3-l0-softplus".
     ///     radiance_scale: radiance in the units of the data set of one unit of the colours.
-    ///     color_space: space of the colours.
+    ///     color_space: space of the colours: "linear-rec709" and others, or "display-srgb" of colours that
+    ///         are a display's.
     #[staticmethod]
     #[pyo3(signature = (positions, rotations, log_scales, opacity_logits, sh, raw_luminance=None, *, color_model="sh3", radiance_scale=1.0, color_space="linear-rec709"))]
     #[expect(clippy::too_many_arguments, reason = "arguments of Python have names")]
@@ -164,7 +165,7 @@ impl PyScene {
         let scene = luxel_core::Scene {
             splats,
             radiance_scale,
-            color_space: names::color_space(color_space)?,
+            color_space: names::scene_color_space(color_space)?,
             raster: RasterConfig::default(),
             edits: Vec::new(),
             world_from_local: Similarity::IDENTITY,

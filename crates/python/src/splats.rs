@@ -66,7 +66,7 @@ pub(crate) fn fault(splats: &Splats) -> Option<String> {
         return Some(message(error));
     }
     let i = splats.rotation.iter().position(|q| !q.iter().map(|v| v * v).sum::<f32>().is_normal())?;
-    Some(format!("rotations: quaternion {i} is {:?}, expected one that can be normalised", splats.rotation[i]))
+    Some(format!("rotations: quaternion {i} is {:?}, expected one that can be normalised; leave such splats out", splats.rotation[i]))
 }
 
 /// Words what is wrong with splats by the names of the arrays.

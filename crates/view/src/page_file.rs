@@ -137,7 +137,7 @@ fn facts(subject: &Subject, scene: &Scene, Pictures { poster, thumbnails }: Pict
     let more = json!({
         "splats": scene.splats.len(), "version": 0, "cameras_version": 0, "training": null, "download_bytes": null, "lights": 1, "cameras": cameras,
         "luxel_version": luxel::VERSION, "thumbnails": thumbnails, "poster": data_address(&poster),
-        "chromaticities": scene.color_space.chromaticities(),
+        "chromaticities": scene.color_space.chromaticities(), "color_interop_id": luxel_io::color_interop_id(scene.color_space),
     });
     if let (Value::Object(facts), Value::Object(more)) = (&mut facts, more) {
         facts.extend(more);
@@ -222,6 +222,7 @@ mod tests {
         assert_eq!(facts["poster"], "data:image/jpeg;base64,AQID");
         assert_eq!(facts["thumbnails"], json!({ "a": "data:image/jpeg;base64,BA==" }));
         assert_eq!(facts["chromaticities"].as_array().map(Vec::len), Some(4));
+        assert_eq!(facts["color_interop_id"], "lin_rec709_scene");
         let packed = STANDARD.decode(part("luxel-splats")).unwrap();
         let mut splats = Vec::new();
         std::io::Read::read_to_end(&mut flate2::read::GzDecoder::new(&packed[..]), &mut splats).unwrap();

@@ -42,6 +42,18 @@ pub(super) fn note_primaries(photos: &[Photograph], input_space: ColorSpace, not
     }
 }
 
+/// Notes pictures with a gain map, which is for one display at a time and says nothing about the camera.
+pub(super) fn note_gain_maps(photos: &[Photograph], notes: &mut Vec<PrepareNote>) {
+    let count = photos.iter().filter(|photo| photo.info.has_gain_map).count();
+    if count > 0 {
+        notes.push(PrepareNote::new(format!(
+            "{} with a gain map (Ultra HDR, ISO 21496-1), which is not applied: the pictures for ordinary screens are read, through one response \
+             curve for all; where light beyond white matters, shoot RAW or brackets",
+            plural(count, "picture")
+        )));
+    }
+}
+
 /// Notes brackets that have more or fewer exposures than the others.
 pub(super) fn note_brackets(photos: &[Photograph], found: &Brackets, notes: &mut Vec<PrepareNote>) {
     for note in &found.notes {

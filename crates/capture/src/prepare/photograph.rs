@@ -125,7 +125,16 @@ mod tests {
     use super::*;
 
     fn photo(name: &str, digest: &str, kind: PhotoKind) -> Photograph {
-        let info = PhotoInfo { kind, size_px: [6, 4], exif: Exif::default(), raw: None, profile: None, primaries: None };
+        let info = PhotoInfo {
+            kind,
+            size_px: [6, 4],
+            exif: Exif::default(),
+            raw: None,
+            profile: None,
+            primaries: None,
+            curve: None,
+            has_gain_map: false,
+        };
         let stem = name.split('.').next().unwrap_or_default().to_owned();
         Photograph { path: name.into(), stem, digest: digest.into(), info, exposure: None }
     }

@@ -10,7 +10,7 @@ use luxel_core::photo::PhotoKind;
 use luxel_core::text::plural;
 
 use super::cameras::{PlannedCamera, balance, group_by_camera, note_cameras};
-use super::notes::{note_brackets, note_corrections, note_primaries};
+use super::notes::{note_brackets, note_corrections, note_gain_maps, note_primaries};
 use super::options::{PlanOptions, WhiteBalance};
 use super::photograph::view_name;
 use super::projection::{SetProjection, choose_projection};
@@ -92,6 +92,8 @@ pub fn check_options(options: &PlanOptions, photos: &[Photograph]) -> Result<(),
 ///             raw: None,
 ///             profile: None,
 ///             primaries: None,
+///             curve: None,
+///             has_gain_map: false,
 ///         },
 ///         exposure: Some(Exposure { seconds, iso: Some(100.0), f_number: Some(8.0) }),
 ///     })
@@ -117,6 +119,7 @@ pub fn plan(photos: &mut [Photograph], options: &PlanOptions) -> Result<Plan, Pr
     note_cameras(photos, &cameras, &mut notes);
     if kind == PhotoKind::Developed {
         note_primaries(photos, options.input_space, &mut notes);
+        note_gain_maps(photos, &mut notes);
     }
     if kind == PhotoKind::Raw {
         balance(photos, &camera_of, &mut cameras, options, &mut notes)?;

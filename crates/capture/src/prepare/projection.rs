@@ -100,7 +100,16 @@ mod tests {
 
     fn photo(name: &str, size_px: [u32; 2], panorama: Option<StatedPanorama>) -> Photograph {
         let exif = Exif { panorama, ..Exif::default() };
-        let info = PhotoInfo { kind: PhotoKind::Developed, size_px, exif, raw: None, profile: None, primaries: None };
+        let info = PhotoInfo {
+            kind: PhotoKind::Developed,
+            size_px,
+            exif,
+            raw: None,
+            profile: None,
+            primaries: None,
+            curve: None,
+            has_gain_map: false,
+        };
         Photograph { path: name.into(), stem: name.into(), digest: name.into(), info, exposure: None }
     }
 

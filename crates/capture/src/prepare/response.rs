@@ -4,10 +4,10 @@
 //! note in the plan about assumptions. Degenerate: RAW files and radiance need no curve.
 
 use luxel_core::Remedy;
-use luxel_core::photo::PhotoKind;
+use luxel_core::photo::{PhotoKind, StatedCurve};
 use luxel_core::text::plural;
 
-use super::{CurveTables, Plan, PlannedView, PrepareError, PrepareNote};
+use super::{CurveTables, Photograph, Plan, PlannedView, PrepareError, PrepareNote};
 use crate::{CapturedFrame, ResponseCurve, recover_response};
 
 /// Views that a curve is recovered from, spread over the set.
@@ -16,7 +16,8 @@ const VIEWS: usize = 6;
 /// The user's choice of a response curve.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ResponseChoice {
-    /// Recovers the curve from brackets, if there are any, and else takes sRGB's.
+    /// Takes the curve that the files state, if it is another than sRGB's; else recovers it from
+    /// brackets, if there are any; else takes sRGB's.
     #[default]
     Auto,
     /// Takes codes as proportional to light.
@@ -54,13 +55,44 @@ pub fn views_for_response(plan: &Plan) -> Vec<&PlannedView> {
     bracketed.into_iter().step_by(step).collect()
 }
 
-/// Chooses the curve, or returns `None` where none is needed. `read_brackets` decodes the brackets
+/// Returns the curve that all photographs state, if it is another than sRGB's, which developed pictures
+/// have unless something else is known. Where only some state another one, a note says so.
+fn stated_curve(photos: &[Photograph], notes: &mut Vec<PrepareNote>) -> Option<StatedCurve> {
+    let is_other = |curve: &Option<StatedCurve>| curve.is_some_and(|curve| curve != StatedCurve::Srgb);
+    let curves: Vec<Option<StatedCurve>> = photos.iter().map(|photo| photo.info.curve).collect();
+    let others = curves.iter().filter(|curve| is_other(curve)).count();
+    let first = curves.first().copied().flatten();
+    if others > 0 && curves.iter().any(|curve| *curve != first) {
+        notes.push(PrepareNote::new(format!(
+            "{} of {} state another curve than the rest, and the set has one: prepare them apart, or say which",
+            plural(others, "picture"),
+            curves.len()
+        )));
+        return None;
+    }
+    first.filter(|_| others > 0)
+}
+
+/// Returns the response of a stated curve, and its name.
+fn response_of(curve: StatedCurve) -> (ResponseCurve, String) {
+    match curve {
+        StatedCurve::Linear => (ResponseCurve::Linear, "linear, as the files state".to_owned()),
+        StatedCurve::Srgb => (ResponseCurve::Srgb, "sRGB, as the files state".to_owned()),
+        StatedCurve::Power(exponent) => {
+            let signal: [f32; 256] = std::array::from_fn(|code| (code as f64 / 255.0).powf(exponent) as f32);
+            (ResponseCurve::Curve(Box::new([signal; 3])), format!("code to the power of {exponent:.4}, as the files state"))
+        }
+    }
+}
+
+/// Chooses the curve of `photos`, or returns `None` where none is needed. `read_brackets` decodes the brackets
 /// of [`views_for_response`], thinned; it is called only if the curve is to be recovered.
 ///
 /// # Errors
 /// A curve that has to be recovered and cannot be.
 pub fn choose_response(
     plan: &mut Plan,
+    photos: &[Photograph],
     choice: ResponseChoice,
     read_brackets: impl FnOnce(&[&PlannedView]) -> Vec<Vec<CapturedFrame>>,
 ) -> Result<Option<SetCurve>, PrepareError> {
@@ -68,6 +100,11 @@ pub fn choose_response(
         return Ok(None);
     }
     let has_brackets = plan.views.iter().any(|v| v.frames.len() > 1);
+    let stated = if choice == ResponseChoice::Auto { stated_curve(photos, &mut plan.notes) } else { None };
+    if let Some(curve) = stated {
+        let (response, name) = response_of(curve);
+        return Ok(Some(SetCurve { tables: CurveTables::new(&response), name, origin: CurveOrigin::Standard }));
+    }
     let (response, name) = match choice {
         ResponseChoice::Linear => (ResponseCurve::Linear, "linear".to_owned()),
         ResponseChoice::Srgb => (ResponseCurve::Srgb, "sRGB".to_owned()),

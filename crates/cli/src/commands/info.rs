@@ -49,7 +49,7 @@ fn describe(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs, console: &Con
     }
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     let mut facts = match extension.as_str() {
-        "ply" | "usda" | "usdc" | "usdz" | "usd" | "glb" | "spz" => {
+        "ply" | "usda" | "usdc" | "usdz" | "usd" | "glb" | "spz" | "sog" | "splat" | "ksplat" | "gltf" | "html" => {
             if extension.starts_with("usd") && has_only_cameras(path) {
                 return describe_dataset(path, args, explicit);
             }

@@ -20,7 +20,7 @@ use serde_json::json;
 
 use self::deep::DeepJob;
 use self::shots::{Shot, Shots};
-use crate::args::{DeviceArgs, EditText, RenderArgs};
+use crate::args::{DeviceArgs, EditText, RenderArgs, flag};
 use crate::inputs::engine;
 use crate::inputs::masks;
 use crate::inputs::scene_source::{DataRequest, SceneSource};
@@ -105,6 +105,13 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     }
     let background = source.background(args.background);
     let scene = &source.scene;
+    if !color_space(args, scene).is_linear() {
+        console.warn(&format!(
+            "the colours of the scene are a display's (sRGB), not light: the OpenEXR files hold them as they are, and say so in colorInteropID; {} \
+             linear-rec709 makes light of them",
+            flag("output_color_space")
+        ));
+    }
     let raster = RasterConfig { samples: samples(args, scene, &console), ..scene.raster };
     let options = RenderOptions { raster, background, ..scene.render_options() };
     let cameras = (args.path.is_some() || args.write_cameras.is_some())
@@ -299,7 +306,7 @@ fn write(args: &RenderArgs, scene: &Scene, job: &Job, picture: Picture) -> Resul
     let color_space = color_space(args, scene);
     let conversion = Conversion::between(scene.color_space, color_space);
     for pixel in &mut image.pixels {
-        *pixel = conversion.apply(scene.radiance_scale.restored(*pixel));
+        *pixel = conversion.apply(scene.color_space.towards(color_space, scene.radiance_scale.restored(*pixel)));
     }
     let mut attributes = vec![(output::MADE_BY.to_owned(), job.made_by.clone())];
     if job.png.is_some() {

@@ -6,9 +6,10 @@ use luxel_core::{Camera, CameraProjection, Distortion};
 use luxel_io::colmap::{ColmapFiles, parse_binary, parse_text};
 use luxel_io::{
     IoError, PosedCamera, ReadOptions, Transfer, decode_camera_path, decode_checkpoint, decode_codes, decode_depth_map, decode_glb,
-    decode_image, decode_mask, decode_photo, decode_pinhole_camera, decode_points_ply, decode_scene_ply, decode_spz, decode_tensors,
-    decode_usd_cameras, decode_usda, decode_usdc, parse_exposures, parse_metashape, parse_polycam_camera, parse_poses_bounds,
-    parse_realityscan_table, parse_realityscan_xmp, parse_record3d, parse_recorded_poses, parse_split, parse_transforms, photo_info,
+    decode_image, decode_mask, decode_photo, decode_pinhole_camera, decode_points_ply, decode_scene_ply, decode_sog, decode_spz,
+    decode_tensors, decode_usd_cameras, decode_usda, decode_usdc, parse_exposures, parse_metashape, parse_polycam_camera,
+    parse_poses_bounds, parse_realityscan_table, parse_realityscan_xmp, parse_record3d, parse_recorded_poses, parse_split,
+    parse_transforms, photo_info,
 };
 
 use crate::{Reader, camera_seeds, seeds};
@@ -33,6 +34,7 @@ pub(crate) fn all() -> Vec<Reader> {
         Reader { name: "usd", read: |bytes| decode_usda(name(), bytes).map(drop), seeds: seeds::usd() },
         Reader { name: "usd_binary", read: |bytes| decode_usdc(name(), bytes).map(drop), seeds: seeds::usd_binary() },
         Reader { name: "glb", read: |bytes| decode_glb(name(), bytes).map(drop), seeds: seeds::glb() },
+        Reader { name: "sog", read: |bytes| decode_sog(name(), bytes).map(drop), seeds: seeds::sog() },
         Reader { name: "spz", read: |bytes| decode_spz(name(), bytes).map(drop), seeds: seeds::spz() },
         Reader { name: "checkpoint", read: |bytes| decode_checkpoint(name(), bytes).map(drop), seeds: seeds::checkpoint() },
         Reader { name: "tensors", read: |bytes| decode_tensors(name(), bytes).map(drop), seeds: seeds::tensors() },

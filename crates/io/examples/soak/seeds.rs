@@ -10,7 +10,7 @@ use luxel_core::engine::DensifyStats;
 use luxel_core::{Activation, ColorModel, ColorSpace, Image, Moments, RadianceScale, RasterConfig, Scene, Snapshot, Splats, synthetic};
 use luxel_io::{
     Appearance, BakeOptions, Baked, SpzVersion, encode_baked_ply, encode_checkpoint, encode_glb, encode_jpeg, encode_png, encode_scene_ply,
-    encode_spz, encode_usda, encode_usdc,
+    encode_sog, encode_spz, encode_usda, encode_usdc,
 };
 
 use crate::readers::SEPARATOR;
@@ -92,7 +92,13 @@ pub(crate) fn png() -> Vec<Vec<u8>> {
 }
 
 pub(crate) fn jpeg() -> Vec<Vec<u8>> {
-    vec![encode_jpeg(WIDTH, HEIGHT, &bytes(3 * WIDTH * HEIGHT), 85).expect("a picture can be written")]
+    let picture = encode_jpeg(WIDTH, HEIGHT, &bytes(3 * WIDTH * HEIGHT), 85).expect("a picture can be written");
+    // With a gain map behind it.
+    let xmp = "<x:xmpmeta xmlns:x=\"adobe:ns:meta/\" xmlns:hdrgm=\"http://ns.adobe.com/hdr-gain-map/1.0/\" hdrgm:Version=\"1.0\" hdrgm:GainMapMax=\"2\"/>";
+    let content = [&b"http://ns.adobe.com/xap/1.0/\0"[..], xmp.as_bytes()].concat();
+    let segment = [&[0xff, 0xe1], &(content.len() as u16 + 2).to_be_bytes()[..], &content].concat();
+    let map = [&picture[..2], &segment, &picture[2..]].concat();
+    vec![picture.clone(), [picture, map].concat()]
 }
 
 pub(crate) fn array(header: &str, samples: &[u8]) -> Vec<u8> {
@@ -190,6 +196,10 @@ pub(crate) fn glb() -> Vec<Vec<u8>> {
     let exact = encode_glb(name(), &baked(Appearance::PREVIEW), Some(&scene())).expect("a scene can be written");
     let plain = encode_glb(name(), &baked(linear()), None).expect("a scene can be written");
     vec![exact, plain]
+}
+
+pub(crate) fn sog() -> Vec<Vec<u8>> {
+    vec![encode_sog(name(), &baked(Appearance::PREVIEW)).expect("a scene can be written")]
 }
 
 pub(crate) fn spz() -> Vec<Vec<u8>> {

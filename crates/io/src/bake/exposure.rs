@@ -16,8 +16,11 @@ const DARKEST: f64 = 1e-3;
 const LARGEST: f64 = 16.0;
 
 /// Returns the exposure of a display bake without views to measure it by: a factor on normalised
-/// radiance, 1 for a black or empty scene.
+/// radiance, 1 for a black or empty scene and for colours that are a display's.
 pub fn display_exposure(scene: &Scene) -> f32 {
+    if !scene.color_space.is_linear() {
+        return 1.0;
+    }
     let splats = &scene.splats;
     let views = sh::lattice(6);
     let to_luminance = |rgb: [f32; 3]| f64::from(luminance_rec709(rgb.map(super::bounded)));

@@ -7,7 +7,7 @@
 //! no fit: all operations on them are linear. Where a fit undershoots, it is drawn towards its mean
 //! until it does not.
 
-use luxel_core::tone::{Tonemap, rec709_of};
+use luxel_core::tone::{Tonemap, exposed_rec709};
 use luxel_core::{ColorBasis, ColorModel, ColorSpace, Conversion, SH_OFFSET, Scene, Splats, least_squares, sh};
 
 use super::exposure::{MIDDLE_GREY, display_exposure};
@@ -26,8 +26,15 @@ pub(crate) const MAX_BAKED: usize = sh::coefficients(3);
 
 /// The treatment of a radiance.
 enum Look {
-    Display { tonemap: Tonemap, color_space: ColorSpace },
-    Linear { conversion: Conversion },
+    /// Colours that are a display's stay what they are.
+    Kept,
+    Display {
+        tonemap: Tonemap,
+        color_space: ColorSpace,
+    },
+    Linear {
+        conversion: Conversion,
+    },
 }
 
 /// The bake of one scene.
@@ -37,6 +44,8 @@ pub(crate) struct Bake {
     /// Factor on normalised radiance.
     exposure: f32,
     look: Look,
+    /// Space of the scene's colours.
+    space: ColorSpace,
     /// The model's basis in each of [`DIRECTIONS`] directions.
     views: Vec<ColorBasis<f32>>,
     /// Pseudo-inverse of the basis, transposed: [DIRECTIONS, K].
@@ -84,7 +93,11 @@ impl Bake {
         let fit = pseudo_inverse(&directions, sh::coefficients(degree));
         let (exposure, look) = match options.appearance {
             Appearance::Display { tonemap, exposure_ev } => {
-                (display_exposure(scene) * exposure_ev.exp2(), Look::Display { tonemap, color_space: scene.color_space })
+                let look = match options.appearance.keeps(scene.color_space) {
+                    true => Look::Kept,
+                    false => Look::Display { tonemap, color_space: scene.color_space },
+                };
+                (display_exposure(scene) * exposure_ev.exp2(), look)
             }
             Appearance::Linear { color_space, exposure_ev } => {
                 let conversion = Conversion::between(scene.color_space, color_space);
@@ -93,7 +106,15 @@ impl Bake {
         };
         // The smallest and largest exposures are those of scenes that can be read, times 2^EV:
         // the result may be neither 0 nor infinity.
-        Self { degree, exposure: exposure.clamp(f32::MIN_POSITIVE, f32::MAX), look, views, fit, lift: Lift::new(degree) }
+        Self {
+            degree,
+            exposure: exposure.clamp(f32::MIN_POSITIVE, f32::MAX),
+            look,
+            space: scene.color_space,
+            views,
+            fit,
+            lift: Lift::new(degree),
+        }
     }
 
     /// Returns the degree of the result.
@@ -119,14 +140,19 @@ impl Bake {
                  harmonics of degree {} by least squares over {DIRECTIONS} directions",
                 self.exposure, self.degree
             ),
+            Look::Kept => format!("sRGB colours of a display as they are, harmonics of degree {}", self.degree),
             Look::Linear { .. } => format!("linear, {:e} of normalised radiance, harmonics of degree {}", self.exposure, self.degree),
         }
     }
 
     /// Returns the harmonics of splat `i`'s colour, by channel; entries from K on are 0.
     pub(crate) fn splat(&self, splats: &Splats, i: usize) -> [[f32; MAX_BAKED]; 3] {
-        if let (Look::Linear { conversion }, ColorModel::Sh { .. }) = (&self.look, splats.color_model) {
-            return self.linear_harmonics(splats.sh_of(i), splats.gain_of(i), conversion);
+        match (&self.look, splats.color_model) {
+            (Look::Linear { conversion }, ColorModel::Sh { .. }) if self.space.is_linear() => {
+                return self.linear_harmonics(splats.sh_of(i), splats.gain_of(i), conversion);
+            }
+            (Look::Kept, ColorModel::Sh { .. }) if splats.gain_of(i) == 1.0 => return self.by_channel(splats.sh_of(i)),
+            _ => {}
         }
         let (sh, raw, gain) = (splats.sh_of(i), splats.raw_luminance_of(i), splats.gain_of(i));
         let mut channels = [[0.0; MAX_BAKED]; 3];
@@ -154,8 +180,13 @@ impl Bake {
             *dc += (factor - 1.0) * (SH_OFFSET / sh::C0);
         }
         conversion.apply_to_sh(&mut sh[..kept]);
+        self.by_channel(&sh)
+    }
+
+    /// Returns harmonics `[K,3]` by channel, up to the degree of the result.
+    fn by_channel(&self, sh: &[f32]) -> [[f32; MAX_BAKED]; 3] {
         let mut channels = [[0.0; MAX_BAKED]; 3];
-        for (m, rgb) in sh.chunks_exact(3).enumerate() {
+        for (m, rgb) in sh.chunks_exact(3).enumerate().take(self.coefficients()) {
             channels.iter_mut().zip(rgb).for_each(|(channel, value)| channel[m] = *value);
         }
         channels
@@ -163,10 +194,13 @@ impl Bake {
 
     /// Returns the baked colour of a radiance.
     fn color(&self, radiance: [f32; 3]) -> [f32; 3] {
-        let exposed = radiance.map(|c| bounded(c * self.exposure));
         match &self.look {
-            Look::Display { tonemap, color_space } => tonemap.encode(rec709_of(*color_space, exposed)),
-            Look::Linear { conversion } => conversion.apply(exposed),
+            Look::Kept => radiance.map(bounded),
+            Look::Display { tonemap, color_space } if color_space.is_linear() => {
+                tonemap.encode(exposed_rec709(*color_space, radiance.map(|c| bounded(c * self.exposure)), 1.0))
+            }
+            Look::Display { tonemap, color_space } => tonemap.encode(exposed_rec709(*color_space, radiance.map(bounded), self.exposure)),
+            Look::Linear { conversion } => conversion.apply(self.space.light(radiance.map(bounded)).map(|c| bounded(c * self.exposure))),
         }
     }
 }

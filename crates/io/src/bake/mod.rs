@@ -12,6 +12,10 @@
 //! In both, a 3D smoothing filter is applied to scales and opacities, as other programs do not know
 //! it.
 //!
+//! Colours that are a display's already ([`ColorSpace::DisplaySrgb`]) stay what they are in a display
+//! bake, unless another curve or an exposure is asked for; those are of the light that the colours
+//! stand for.
+//!
 //! Degenerate: where a fit undershoots 0 its view dependence is drawn towards the mean until it
 //! does not: viewers that do not clamp show negative colours as rainbow speckle.
 
@@ -56,6 +60,19 @@ pub enum Appearance {
 impl Appearance {
     /// The appearance of the scene file's own display layer.
     pub const PREVIEW: Self = Self::Display { tonemap: Tonemap::Agx, exposure_ev: 0.0 };
+
+    /// The appearance of colours that are a display's, which stay as they are.
+    pub const KEPT: Self = Self::Display { tonemap: Tonemap::None, exposure_ev: 0.0 };
+
+    /// Returns the appearance of the display layer of a scene whose colours are of this space.
+    pub fn preview_of(space: ColorSpace) -> Self {
+        if space.is_linear() { Self::PREVIEW } else { Self::KEPT }
+    }
+
+    /// Returns whether colours of this space stay as they are.
+    pub fn keeps(self, space: ColorSpace) -> bool {
+        self == Self::KEPT && !space.is_linear()
+    }
 }
 
 /// How to bake.
@@ -109,8 +126,10 @@ impl Baked {
             (splats.log_scale[i], splats.opacity_logit[i]) = smoothed(from.log_scale[i], from.opacity_logit[i], *deviation);
         }
         let (color_space, raster) = match options.appearance {
+            // As they are rendered by the program that they are from.
+            _ if options.appearance.keeps(scene.color_space) => (ColorSpace::DisplaySrgb, scene.raster),
             Appearance::Display { .. } => {
-                (ColorSpace::LinearRec709, RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() })
+                (ColorSpace::DisplaySrgb, RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() })
             }
             Appearance::Linear { color_space, .. } => {
                 // Thresholds for skipping are in units of radiance and scale with it.

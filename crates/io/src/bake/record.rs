@@ -29,8 +29,9 @@ pub(crate) struct BakeRecord {
     tonemap: Option<Tonemap>,
     /// Factor on the scene's normalised radiance.
     exposure: f32,
-    /// Space of the harmonics' colours; a display bake is sRGB.
-    pub(crate) color_space: ColorSpace,
+    /// Space of the harmonics' colours in a linear bake; a display bake is sRGB, and has linear Rec.709
+    /// here.
+    color_space: ColorSpace,
     /// How to rasterise.
     pub(crate) raster: RasterConfig,
     /// How the file's world came from that of the data set.
@@ -102,7 +103,7 @@ impl BakeRecord {
             bake,
             tonemap,
             exposure: baked.exposure,
-            color_space: baked.scene.color_space,
+            color_space: if baked.scene.color_space.is_linear() { baked.scene.color_space } else { ColorSpace::LinearRec709 },
             raster: baked.scene.raster,
             file_from_world: WorldRecord::from_similarity(&baked.file_from_world),
             local_frame: LocalFrame::from_similarity(&baked.scene.world_from_local),
@@ -136,6 +137,11 @@ impl BakeRecord {
         Ok(record)
     }
 
+    /// Returns the space of the colours.
+    pub(crate) fn color_space(&self) -> ColorSpace {
+        if self.bake == Kind::Display { ColorSpace::DisplaySrgb } else { self.color_space }
+    }
+
     /// Returns the place of the scene's local origin in the file.
     pub(crate) fn origin_in_file(&self) -> DVec3 {
         let origin = self.local_frame.and_then(|frame| frame.world_from_local()).map_or(DVec3::ZERO, |frame| frame.translation());
@@ -149,7 +155,7 @@ impl BakeRecord {
         let mut scene = Scene {
             splats,
             radiance_scale: RadianceScale::ONE,
-            color_space: self.color_space,
+            color_space: self.color_space(),
             raster: self.raster,
             edits,
             world_from_local,

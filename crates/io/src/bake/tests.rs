@@ -113,3 +113,49 @@ fn damaged_records_are_refused() {
         assert!(BakeRecord::parse(&json.replace(from, to)).is_err(), "{to}");
     }
 }
+
+/// Returns a scene of a display's colours, between 0 and 1.
+fn display_scene() -> Scene {
+    let mut scene = scene(ColorModel::Sh { degree: 2 }, ColorSpace::DisplaySrgb);
+    scene.radiance_scale = RadianceScale::ONE;
+    scene.splats.sh.iter_mut().for_each(|k| *k = k.clamp(-0.8, 0.8));
+    scene.raster.antialias = Antialias::Mip;
+    scene
+}
+
+#[test]
+fn colours_of_a_display_stay_what_they_are_in_a_display_bake() {
+    let scene = display_scene();
+    let baked = Baked::new(&scene, &BakeOptions { appearance: Appearance::preview_of(scene.color_space), max_degree: 3 });
+    assert_eq!((&baked.scene, baked.exposure), (&scene, 1.0));
+    // A bake of radiance is colours of a display from then on: a second one changes nothing.
+    let radiance = self::scene(LCD, ColorSpace::LinearRec709);
+    let once = Baked::new(&radiance, &BakeOptions { appearance: Appearance::PREVIEW, max_degree: 3 }).scene;
+    assert_eq!(once.color_space, ColorSpace::DisplaySrgb);
+    let twice = Baked::new(&once, &BakeOptions { appearance: Appearance::preview_of(once.color_space), max_degree: 3 });
+    assert_eq!(twice.scene, once);
+}
+
+#[test]
+fn another_curve_or_exposure_is_of_the_light_that_the_colours_are() {
+    let scene = display_scene();
+    let bake = |tonemap, exposure_ev| {
+        let appearance = Appearance::Display { tonemap, exposure_ev };
+        let mut scene = scene.clone();
+        scene.splats = scene.splats.with_color_model(ColorModel::Sh { degree: 0 }).unwrap();
+        (scene.splats.clone(), Baked::new(&scene, &BakeOptions { appearance, max_degree: 0 }))
+    };
+    for (tonemap, exposure_ev) in [(Tonemap::Reinhard, 0.0), (Tonemap::None, -1.0)] {
+        let (before, baked) = bake(tonemap, exposure_ev);
+        for i in 0..before.len() {
+            let light = ColorSpace::DisplaySrgb.light(before.radiance(i, DIRECTIONS[0])).map(|v| v * exposure_ev.exp2());
+            let (found, expected) = (baked.scene.splats.radiance(i, DIRECTIONS[0]), tonemap.encode(light));
+            assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 1e-4), "{tonemap}: {found:?} {expected:?}");
+        }
+    }
+    // Light in another space.
+    let linear = Baked::new(&scene, &linear(ColorSpace::LinearRec709, 0.0));
+    assert_eq!(linear.scene.color_space, ColorSpace::LinearRec709);
+    let (before, after) = (scene.splats.base_radiance(3), linear.scene.splats.base_radiance(3));
+    assert!(before.iter().zip(after).all(|(code, light)| *code < 0.05 || light < *code), "{before:?} {after:?}");
+}

@@ -74,7 +74,16 @@ fn masks(views: &[CheckedView<'_>]) -> Option<String> {
         None => "their alpha channels".to_owned(),
     };
     let share = 100.0 * hidden.iter().sum::<f64>() / hidden.len() as f64;
-    Some(format!("{} of {} views have masks, from {place}, which hide {share:.1} % of their pixels", hidden.len(), views.len()))
+    let whole = hidden.iter().filter(|share| **share > 0.999).count();
+    let oddity = match whole {
+        0 if share == 0.0 => "; masks that hide nothing are of no use: is black what should be left out?".to_owned(),
+        0 => String::new(),
+        whole => format!(
+            "; {} all of theirs: is white what should be kept?",
+            if whole == 1 { "1 of them hides".to_owned() } else { format!("{whole} of them hide") }
+        ),
+    };
+    Some(format!("{} of {} views have masks, from {place}, which hide {share:.1} % of their pixels{oddity}", hidden.len(), views.len()))
 }
 
 /// Says that photographs were exposed differently, which nothing undoes.

@@ -20,6 +20,7 @@ use luxel_core::{MAX_SIDE_PX, Similarity};
 use roxmltree::{Document, Node};
 
 use super::Supervision;
+use super::components::{ComponentCamera, Coordinates, largest};
 use super::intrinsics::LensImage;
 use super::posed::{CameraFile, PosedCamera, PosedLens, rigid};
 use super::source::DatasetSource;
@@ -198,10 +199,18 @@ pub fn parse_metashape(path: &Path, bytes: &[u8]) -> Result<MetashapeCameras, Io
     for chunk in root.children().filter(|node| node.has_tag_name("chunk")) {
         chunk_cameras(&file, chunk, &mut cameras, &mut left_out)?;
     }
-    Ok(MetashapeCameras { cameras, warnings: left_out.warnings() })
+    let (cameras, of_components) = largest(cameras);
+    Ok(MetashapeCameras { cameras, warnings: left_out.warnings().into_iter().chain(of_components).collect() })
 }
 
-fn chunk_cameras(file: &File<'_>, chunk: Node<'_, '_>, out: &mut Vec<PosedCamera>, left_out: &mut LeftOut) -> Result<(), IoError> {
+/// Returns the name of coordinates that only the cameras of a component of a chunk have.
+fn own_coordinates(chunk: Node<'_, '_>, component: Option<Node<'_, '_>>) -> Coordinates {
+    let label = |node: Node<'_, '_>| node.attribute("label").or_else(|| node.attribute("id")).unwrap_or("without a label").to_owned();
+    let of_chunk = format!("chunk {:?} (line {})", label(chunk), chunk.document().text_pos_at(chunk.range().start).row);
+    Coordinates::Own(component.map_or(of_chunk.clone(), |component| format!("component {:?} of {of_chunk}", label(component))))
+}
+
+fn chunk_cameras(file: &File<'_>, chunk: Node<'_, '_>, out: &mut Vec<ComponentCamera>, left_out: &mut LeftOut) -> Result<(), IoError> {
     let within = |list: &str, item: &'static str| {
         let list = child(chunk, list);
         list.into_iter().flat_map(move |node| node.descendants().filter(move |node| node.has_tag_name(item))).collect::<Vec<_>>()
@@ -210,13 +219,12 @@ fn chunk_cameras(file: &File<'_>, chunk: Node<'_, '_>, out: &mut Vec<PosedCamera
     for sensor in within("sensors", "sensor") {
         sensors.insert(sensor.attribute("id").unwrap_or_default(), file.sensor(sensor)?);
     }
-    let mut components: HashMap<&str, Similarity> = HashMap::new();
+    let mut components: HashMap<&str, (Node<'_, '_>, Option<Similarity>)> = HashMap::new();
     for component in within("components", "component") {
-        if let Some(transform) = file.transform(component)? {
-            components.insert(component.attribute("id").unwrap_or_default(), transform);
-        }
+        components.insert(component.attribute("id").unwrap_or_default(), (component, file.transform(component)?));
     }
     let world_from_chunk = file.transform(chunk)?;
+    let first = out.len();
     for camera in within("cameras", "camera") {
         let label = camera.attribute("label").unwrap_or_default().to_owned();
         let is_disabled = camera.attribute("enabled").is_some_and(|text| matches!(text, "0" | "false"));
@@ -243,13 +251,34 @@ fn chunk_cameras(file: &File<'_>, chunk: Node<'_, '_>, out: &mut Vec<PosedCamera
         let axes = DMat3::from_cols_array_2d(&[0, 1, 2].map(|c| [m[c], m[4 + c], m[8 + c]]));
         let mut pose = rigid(axes, DVec3::new(m[3], m[7], m[11])).map_err(|e| file.error(transform, format!("{label:?}: {e}")))?;
         let component = camera.attribute("component_id").and_then(|id| components.get(id));
-        if let Some(to_world) = component.or(world_from_chunk.as_ref()) {
+        let of_component = component.and_then(|(_, transform)| transform.as_ref());
+        if let Some(to_world) = of_component.or(world_from_chunk.as_ref()) {
             to_world.apply_to_pose(&mut pose);
         }
+        // A camera of no component among components cannot be told from theirs.
+        let coordinates = match of_component {
+            None if component.is_some() || components.is_empty() => own_coordinates(chunk, component.map(|(node, _)| *node)),
+            _ => Coordinates::World,
+        };
         let place = format!("camera {}", camera.attribute("id").unwrap_or_default());
-        out.push(PosedCamera { name: label, camera_from_world: pose, lens: PosedLens::Pixels(*intrinsics), place });
+        let camera = PosedCamera { name: label, camera_from_world: pose, lens: PosedLens::Pixels(*intrinsics), place };
+        out.push(ComponentCamera { camera, coordinates });
+    }
+    if world_from_chunk.is_some() {
+        join_to_world(&mut out[first..]);
     }
     Ok(())
+}
+
+/// Puts the cameras of a chunk with a transform into the world, as far as it is theirs: of several
+/// components without a transform of their own it can only be one's.
+fn join_to_world(of_chunk: &mut [ComponentCamera]) {
+    let mut own: Vec<&Coordinates> = of_chunk.iter().map(|found| &found.coordinates).filter(|c| **c != Coordinates::World).collect();
+    own.sort_unstable();
+    own.dedup();
+    if own.len() == 1 {
+        of_chunk.iter_mut().for_each(|found| found.coordinates = Coordinates::World);
+    }
 }
 
 #[cfg(test)]
@@ -344,6 +373,44 @@ mod tests {
         let of_chunk = XML.replace("</components>", "</components><transform><scale>3</scale><translation>0 0 1</translation></transform>");
         let cameras = parse(&of_chunk).unwrap().cameras;
         assert!(cameras[1].camera_from_world.transform_point3(DVec3::Z).length() < 1e-12);
+    }
+
+    /// Returns a chunk of cameras at x = 0, 1, 2, ... of these components; `more` follows them.
+    fn chunk(label: &str, components: &[usize], of_component: &str, more: &str) -> String {
+        let camera = |(x, component): (usize, &usize)| {
+            format!(
+                "<camera id=\"{x}\" sensor_id=\"0\" component_id=\"{component}\" label=\"{label}{x}\">\
+                 <transform>1 0 0 {x} 0 1 0 0 0 0 1 0 0 0 0 1</transform></camera>"
+            )
+        };
+        let cameras: String = components.iter().enumerate().map(camera).collect();
+        format!(
+            "<chunk label=\"{label}\"><sensors><sensor id=\"0\" type=\"frame\"><resolution width=\"64\" height=\"48\"/>\
+             <calibration><f>50</f></calibration></sensor></sensors><components><component id=\"0\" label=\"large\">{of_component}</component>\
+             <component id=\"1\" label=\"small\">{of_component}</component></components><cameras>{cameras}</cameras>{more}</chunk>"
+        )
+    }
+
+    #[test]
+    fn of_components_that_nothing_relates_the_largest_is_read() {
+        let names = |xml: &str| {
+            let found = parse(&format!("<document>{xml}</document>")).unwrap();
+            (found.cameras.iter().map(|camera| camera.name.clone()).collect::<Vec<_>>(), found.warnings)
+        };
+        let (kept, warnings) = names(&chunk("a", &[1, 0, 0], "", ""));
+        assert_eq!(kept, ["a1", "a2"]);
+        assert!(warnings[0].contains("\"large\"") && warnings[0].contains("left out: component \"small\""), "{warnings:?}");
+        // A transform of the chunk is that of one component only.
+        let transform = "<transform><scale>2</scale></transform>";
+        assert_eq!(names(&chunk("a", &[1, 0, 0], "", transform)).0.len(), 2);
+        assert_eq!(names(&chunk("a", &[0, 0, 0], "", transform)), (["a0", "a1", "a2"].map(str::to_owned).to_vec(), Vec::new()));
+        // Components with transforms of their own are in the world, and so are chunks.
+        assert_eq!(names(&chunk("a", &[1, 0, 0], transform, "")), (["a0", "a1", "a2"].map(str::to_owned).to_vec(), Vec::new()));
+        let georeferenced = [chunk("a", &[0], "", transform), chunk("b", &[0, 0], "", transform)].concat();
+        assert_eq!(names(&georeferenced).0.len(), 3);
+        let (kept, warnings) = names(&[chunk("a", &[0], "", ""), chunk("b", &[0, 0], "", "")].concat());
+        assert_eq!(kept, ["b0", "b1"]);
+        assert!(warnings[0].contains("chunk \"a\""), "{warnings:?}");
     }
 
     #[test]

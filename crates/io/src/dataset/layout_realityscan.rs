@@ -17,6 +17,7 @@ use glam::{DMat3, DVec3};
 use roxmltree::{Document, Node};
 
 use super::Supervision;
+use super::components::{ComponentCamera, Coordinates, largest};
 use super::posed::{CameraFile, FilmLens, PosedCamera, PosedLens, from_opengl, rigid};
 use super::source::DatasetSource;
 use super::xml::{numbers, parse_xml};
@@ -163,14 +164,26 @@ fn xmp_source(folder: &Path, supervision: Supervision) -> Result<DatasetSource, 
     let (mut cameras, mut without) = (Vec::new(), 0usize);
     let total = files.len();
     for file in files {
-        match parse_realityscan_xmp(&file, &read_file(&file)?)? {
-            Some(camera) => cameras.push(camera),
+        let bytes = read_file(&file)?;
+        match parse_realityscan_xmp(&file, &bytes)? {
+            Some(camera) => cameras.push(ComponentCamera { camera, coordinates: xmp_coordinates(&file, &bytes)? }),
             None => without += 1,
         }
     }
+    let (cameras, of_components) = largest(cameras);
     let warning = (without > 0).then(|| format!("{without} of {total} XMP files hold no pose: their images are left out"));
     let file = CameraFile { format: "RealityScan (XMP)".to_owned(), folder, path: folder, supervision };
-    file.source(cameras, warning.into_iter().collect())
+    file.source(cameras, warning.into_iter().chain(of_components).collect())
+}
+
+/// Returns the coordinates that an XMP file's pose is in: those of its component, unless they are
+/// absolute.
+fn xmp_coordinates(path: &Path, bytes: &[u8]) -> Result<Coordinates, IoError> {
+    let text = super::xml::text_of(path, bytes)?;
+    let document: Document<'_> = parse_xml(path, text)?;
+    let is_absolute = field(&document, "Coordinates").is_some_and(|kind| kind == "absolute");
+    let component = field(&document, "ComponentId").filter(|_| !is_absolute);
+    Ok(component.map_or(Coordinates::World, |id| Coordinates::Own(format!("component {id}"))))
 }
 
 /// Parses an XMP file; `path` names the image, too. `None` for a file without a pose.

@@ -5,7 +5,7 @@ use glam::DVec2;
 use luxel_core::photo::Exif;
 use luxel_core::{BadPixels, Camera, ColorSpace, Conversion, Distortion, Image, Mask, OnDemand, PixelValues, Remedy, Target, View};
 
-use super::masks::decode_mask;
+use super::masks::decode_with_remark;
 use super::source::SourceFrame;
 use super::split::Part;
 use super::{LoadOptions, MaskSource, Supervision};
@@ -74,7 +74,9 @@ pub(super) fn load_view(frame: &SourceFrame, options: &LoadOptions) -> Result<Lo
     if let Some(path) = &frame.mask {
         let bytes = read_file(path)?;
         digest.update(&bytes);
-        given = Some(both(given, decode_mask(path, &bytes, [image.width, image.height])?));
+        let (mask, remark) = decode_with_remark(path, &bytes, [image.width, image.height])?;
+        decoded.warnings.extend(remark);
+        given = Some(both(given, mask));
     }
     let hidden_by_mask = given.as_ref().map(hidden_share);
     if let Some(given) = given {

@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use super::files::{Finder, IMAGE_EXTENSIONS, Substitute};
 use super::source::SourceFrame;
 use crate::IoError;
-use crate::image::decode_codes;
+use crate::image::{DecodedImage, SampleDepth, decode_codes};
 
 /// Names that a warning lists.
 const MAX_LISTED: usize = 3;
@@ -153,13 +153,71 @@ fn mask_of(finder: &Finder, folder: &Path, frame: &SourceFrame, is_last_name_uni
 /// # Errors
 /// A damaged file, or one of another size.
 pub fn decode_mask(path: &Path, bytes: &[u8], size_px: [usize; 2]) -> Result<Mask, IoError> {
-    let image = decode_codes(path, bytes)?.image;
+    decode_with_remark(path, bytes, size_px).map(|(mask, _)| mask)
+}
+
+/// Decodes a mask, with a remark about numbers that are not those of a mask.
+pub(super) fn decode_with_remark(path: &Path, bytes: &[u8], size_px: [usize; 2]) -> Result<(Mask, Option<String>), IoError> {
+    let DecodedImage { image, alpha, depth, .. } = decode_codes(path, bytes)?;
     if [image.width, image.height] != size_px {
         let [width, height] = size_px;
         let found = format!("a mask of {} x {} pixels, its image has {width} x {height}", image.width, image.height);
         return Err(IoError::invalid(path, format!("{found}; expected masks of the images' size")));
     }
-    // The comparison turns NaN into 0.
+    let is_white = image.pixels.iter().all(|rgb| *rgb == [1.0; 3]);
+    if let Some(alpha) = alpha.filter(|alpha| is_white && alpha.iter().any(|a| *a < 1.0)) {
+        // The comparison turns NaN into 0.
+        let weights = alpha.iter().map(|a| if *a > 0.0 { a.min(1.0) } else { 0.0 }).collect();
+        return Ok((Mask { weights }, Some("the mask is white everywhere: its alpha channel is taken".to_owned())));
+    }
     let weight = |rgb: &[f32; 3]| rgb.iter().fold(0.0, |most: f32, v| if *v > most { *v } else { most }).min(1.0);
-    Ok(Mask { weights: image.pixels.iter().map(weight).collect() })
+    let mut weights: Vec<f32> = image.pixels.iter().map(weight).collect();
+    let largest = match depth {
+        SampleDepth::Float => return Ok((Mask { weights }, None)),
+        SampleDepth::Integer8 => 255.0f32,
+        SampleDepth::Integer16 => 65535.0,
+    };
+    let most = (weights.iter().copied().fold(0.0, f32::max) * largest).round();
+    let is_coloured = image.pixels.iter().any(|[r, g, b]| r != g || g != b);
+    let remark = if most == 1.0 {
+        // Truth values, as arrays of them are saved: no picture ends at the code next to black.
+        weights.iter_mut().for_each(|weight| *weight = if *weight > 0.0 { 1.0 } else { 0.0 });
+        Some(format!("the mask has numbers 0 and 1 of {largest}: 1 counts as white"))
+    } else if is_coloured && most < largest {
+        Some(format!("the mask is in colour: its largest channel counts, which is {most} of {largest} at most, and white is {largest}"))
+    } else if most > 0.0 && most < 0.5 * largest {
+        Some(format!(
+            "the largest number of the mask is {most} of {largest}: no pixel weighs more than that share of one, and white is {largest}"
+        ))
+    } else {
+        None
+    };
+    Ok((Mask { weights }, remark))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::encode_png;
+
+    /// Returns a mask of four pixels by their colours, and the remark.
+    fn decoded(rgb: [[u8; 3]; 4]) -> (Vec<f32>, Option<String>) {
+        let bytes = encode_png(2, 2, rgb.as_flattened()).unwrap();
+        let (mask, remark) = decode_with_remark(Path::new("mask.png"), &bytes, [2, 2]).unwrap();
+        (mask.weights, remark)
+    }
+
+    #[test]
+    fn truth_values_count_as_black_and_white_and_odd_numbers_are_named() {
+        let grey = |codes: [u8; 4]| decoded(codes.map(|code| [code; 3]));
+        assert_eq!(grey([0, 255, 255, 0]), (vec![0.0, 1.0, 1.0, 0.0], None));
+        let (weights, remark) = grey([0, 1, 1, 0]);
+        assert!(weights == [0.0, 1.0, 1.0, 0.0] && remark.is_some_and(|remark| remark.contains("1 counts as white")));
+        let (weights, remark) = grey([0, 0, 0, 0]);
+        assert!(weights == [0.0; 4] && remark.is_none());
+        assert!(grey([0, 5, 5, 0]).1.is_some_and(|remark| remark.contains("5 of 255")));
+        // The colour that a palette of classes gives its first one.
+        let (weights, remark) = decoded([[0; 3], [128, 0, 0], [128, 0, 0], [0; 3]]);
+        assert!((weights[1] - 128.0 / 255.0).abs() < 1e-6 && remark.is_some_and(|remark| remark.contains("in colour")));
+    }
 }

@@ -26,6 +26,7 @@ mod block;
 mod candidates;
 mod checks;
 pub mod colmap;
+mod components;
 mod described;
 mod detect;
 mod developed;

@@ -320,7 +320,7 @@ mod tests {
 
     #[test]
     fn deep_nesting_is_an_error() {
-        assert!(message(parse(&"[".repeat(100_000))).contains("not JSON"));
+        assert!(message(parse(&"[".repeat(200))).contains("not JSON"));
     }
 
     #[test]

@@ -8,8 +8,8 @@
 //! infinite numbers). Maps may have another size than the image, but its shape.
 //!
 //! What the numbers are ([`DepthKind`]) says `depth.json` in the folder, with `"kind"` (`metric`,
-//! `relative` or `disparity`) and `"scale"` (units of the data set for one of the file); without
-//! it, PNGs hold millimetres, and others are compared with the data set's points.
+//! `relative`, `disparity` or `distance`), `"scale"` (units of the data set for one of the file) and
+//! for distances `"near"` (the plane that rays begin at, in the file's unit); without it, PNGs hold millimetres, and others are compared with the data set's points.
 
 mod decode;
 mod pfm;
@@ -46,6 +46,9 @@ pub enum DepthKind {
     Relative,
     /// Inverse depth, up to a factor and an offset of each view.
     Disparity,
+    /// Length of the ray through the pixel, in one unit for all views: from the camera, or from a near
+    /// plane.
+    Distance,
 }
 
 impl fmt::Display for DepthKind {
@@ -54,6 +57,7 @@ impl fmt::Display for DepthKind {
             Self::Metric => "metric",
             Self::Relative => "relative",
             Self::Disparity => "disparity",
+            Self::Distance => "distance",
         })
     }
 }

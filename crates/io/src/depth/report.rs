@@ -10,6 +10,7 @@ use std::path::Path;
 use luxel_core::{Dataset, View};
 use rayon::prelude::*;
 
+use super::statement::Statement;
 use super::{DepthFolder, DepthKind, DepthMap};
 use crate::IoError;
 
@@ -83,7 +84,7 @@ pub(super) fn report(folder: &DepthFolder, dataset: &Dataset) -> Result<DepthRep
     let measure = |(index, view): (usize, &&View)| -> Result<Option<Measured>, IoError> {
         let (Some(map), Some(Some(path))) = (folder.read(index)?, folder.files.get(index)) else { return Ok(None) };
         check_shape(path, &map, view)?;
-        Ok(Some(measured(&map, seen.get(index).map_or(&[][..], Vec::as_slice))))
+        Ok(Some(measured(&map, seen.get(index).map_or(&[][..], Vec::as_slice), folder.statement)))
     };
     let found: Vec<Option<Measured>> = views.par_iter().enumerate().map(measure).collect::<Result<_, _>>()?;
     let maps: Vec<Measured> = found.into_iter().flatten().collect();
@@ -154,7 +155,7 @@ fn meaning(folder: &DepthFolder, maps: &[Measured], warnings: &mut Vec<String>) 
             if let Some(shown) = shown.filter(|shown| (*shown == DepthKind::Disparity) != (kind == DepthKind::Disparity)) {
                 warnings.push(format!("depth.json says {kind}, but the points of {views} views show {shown}"));
             }
-            let found = factor.filter(|_| kind == DepthKind::Metric && shown == Some(DepthKind::Metric));
+            let found = factor.filter(|_| [DepthKind::Metric, DepthKind::Distance].contains(&kind) && shown == Some(DepthKind::Metric));
             Meaning { kind: Some(kind), kind_from: "as depth.json says".to_owned(), scale: statement.scale.or(found) }
         }
         (None, Some(DepthKind::Metric)) => Meaning { kind: shown, kind_from: of_points(), scale: statement.scale.or(factor) },
@@ -183,6 +184,8 @@ fn check_shape(path: &Path, map: &DepthMap, view: &View) -> Result<(), IoError> 
 struct SeenPoint {
     at: [f64; 2],
     depth: f64,
+    /// Length of its ray over the depth.
+    slant: f64,
 }
 
 /// Returns the points that each training view sees.
@@ -193,16 +196,18 @@ fn seen_points(dataset: &Dataset) -> Vec<Vec<SeenPoint>> {
         for observation in &point.observations {
             let index = observation.view as usize;
             let (Some(view), Some(list)) = (dataset.train.get(index), seen.get_mut(index)) else { continue };
-            let Some((_, depth)) = view.camera.project(glam::Vec3::from(point.position).as_dvec3()) else { continue };
+            let position = glam::Vec3::from(point.position).as_dvec3();
+            let Some((_, depth)) = view.camera.project(position) else { continue };
+            let slant = (position - view.camera.eye()).length() / depth;
             let [w, h] = view.camera.size_px.map(f64::from);
             let [x, y] = observation.pixel_px.map(f64::from);
-            list.push(SeenPoint { at: [x / w, y / h], depth: depth * unit });
+            list.push(SeenPoint { at: [x / w, y / h], depth: depth * unit, slant });
         }
     }
     seen
 }
 
-fn measured(map: &DepthMap, points: &[SeenPoint]) -> Measured {
+fn measured(map: &DepthMap, points: &[SeenPoint], statement: Statement) -> Measured {
     /// Values of a map that a range is taken from.
     const SAMPLE: usize = 1 << 14;
     let [width, height] = map.size_px;
@@ -213,7 +218,11 @@ fn measured(map: &DepthMap, points: &[SeenPoint]) -> Measured {
     let pair = |point: &SeenPoint| {
         let (x, y) = ((point.at[0] * width as f64) as usize, (point.at[1] * height as f64) as usize);
         let value = map.values.get(y.min(height - 1) * width + x.min(width - 1)).copied().filter(|v| *v > 0.0)?;
-        Some(Pair { value: value.into(), depth: point.depth })
+        let value = f64::from(value);
+        let is_distance = statement.kind == Some(DepthKind::Distance);
+        // Of a ray that begins at a plane, what is before it has the same slant.
+        let value = if is_distance { value / point.slant + statement.near.unwrap_or(0.0) } else { value };
+        Some(Pair { value, depth: point.depth })
     };
     let pairs: Vec<Pair> = points.iter().filter_map(pair).collect();
     let agreement = (pairs.len() >= LEAST_POINTS).then(|| agreement(&pairs)).flatten();

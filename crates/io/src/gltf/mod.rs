@@ -17,6 +17,7 @@
 //! display bake. External buffers, sparse accessors and compression extensions are refused.
 
 mod accessor;
+mod conventions;
 mod document;
 mod reader;
 mod writer;

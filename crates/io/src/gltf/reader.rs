@@ -3,18 +3,20 @@
 use std::collections::HashSet;
 use std::path::Path;
 
-use glam::{DMat3, DMat4, DQuat, DVec3};
-use luxel_core::{ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, SceneBounds, Similarity, Splats, logit, sh};
+use glam::{DMat4, DQuat, DVec3};
+use luxel_core::tone::srgb_encode;
+use luxel_core::{ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, SH_OFFSET, Scene, Similarity, Splats, sh};
 use serde::Deserialize;
 
 use super::document::{Document, Node, Primitive};
-use super::{CHUNK_BIN, CHUNK_JSON, EXTENSION, GLB_MAGIC, KHR, accessor};
+use super::{CHUNK_BIN, CHUNK_JSON, EXTENSION, GLB_MAGIC, KHR, accessor, conventions};
 use crate::IoError;
 use crate::bake::{BakeRecord, Origin, RECORD_KEY, WorldRecord, place};
-use crate::local_frame::{LocalFrame, samples, settle};
+use crate::joined::{MAX_PARTS, join, similarity, suitable};
+use crate::local_frame::{LocalFrame, settle};
 use crate::read_file::read_file;
 use crate::scene_file::SceneFile;
-use crate::validity::{is_length, is_normalizable, is_usable, leave_out_unfinite, left_out_line};
+use crate::validity::{LeftOut, check_rotations, is_length, is_usable, leave_out_unusable};
 
 /// Deepest nesting of nodes.
 const MAX_DEPTH: usize = 64;
@@ -22,12 +24,6 @@ const MAX_DEPTH: usize = 64;
 const MAX_VISITS: usize = 10_000;
 /// How far a rotation's length may be off 1: files round quaternions to a few digits.
 const ROTATION_TOLERANCE: f64 = 0.01;
-/// The same of a matrix' numbers.
-const MATRIX_TOLERANCE: f64 = 1e-3;
-/// Most primitives of splats: one reached by many ways is read as often, and takes memory each
-/// time.
-const MAX_PRIMITIVES: usize = 64;
-
 /// Reads all splats of the file's scene.
 ///
 /// # Errors
@@ -60,18 +56,17 @@ fn decode(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
     }
     let record = document.asset.extras.get(RECORD_KEY).and_then(|v| v.as_str()).map(BakeRecord::parse).transpose().map_err(invalid)?;
     let mut placed = Vec::with_capacity(visited.primitives.len());
-    let (mut left_out, mut count) = (0, 0);
+    let (mut left_out, mut count, mut warnings) = (LeftOut::default(), 0, Vec::new());
     for (primitive, matrix) in visited.primitives {
         let moved = similarity(matrix).map_err(|message| IoError::unsupported(name, message))?;
-        let mut part = read_primitive(&document, bin, primitive, record.as_ref()).map_err(invalid)?;
+        let mut part = read_primitive(&document, bin, primitive, record.as_ref(), &mut warnings).map_err(invalid)?;
         count += part.scene.splats.len() as u64;
-        left_out += leave_out_unfinite(&mut part.scene.splats);
+        left_out.add(leave_out_unusable(&mut part.scene.splats));
         placed.push((part, moved));
     }
     // The parts of a file of another program share local coordinates.
-    let of_others: Vec<_> = placed.iter().filter(|(part, _)| !part.is_ours).collect();
-    let points: Vec<DVec3> = of_others.iter().flat_map(|(part, moved)| samples(&part.scene.splats, None, moved)).collect();
-    let suitable = SceneBounds::from_points(&points).map_or(Similarity::IDENTITY, |bounds| bounds.world_from_local());
+    let of_others = placed.iter().filter(|(part, _)| !part.is_ours);
+    let suitable = suitable(of_others.map(|(part, moved)| (&part.scene.splats, moved)));
     let mut scenes = Vec::with_capacity(placed.len());
     for (mut part, moved) in placed {
         if part.is_ours || suitable.is_identity() {
@@ -80,12 +75,16 @@ fn decode(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
         } else {
             settle(&mut part.scene, None, &moved, suitable);
         }
-        left_out += leave_out_unfinite(&mut part.scene.splats);
+        left_out.add(leave_out_unusable(&mut part.scene.splats));
         part.scene.splats.validate().map_err(|e| invalid(e.to_string()))?;
+        check_rotations(&part.scene.splats).map_err(invalid)?;
         scenes.push(part.scene);
     }
-    let scene = join(scenes).map_err(|message| IoError::unsupported(name, message))?;
-    Ok(SceneFile { scene, warnings: Vec::from_iter(left_out_line(left_out, count)) })
+    let none = || IoError::unsupported(name, format!("no primitive with {KHR}: no splats in this file's scene"));
+    let scene = join(scenes).map_err(|message| IoError::unsupported(name, message))?.ok_or_else(none)?;
+    warnings.extend(left_out.lines(count));
+    warnings.dedup();
+    Ok(SceneFile { scene, warnings })
 }
 
 /// Returns the JSON and the binary buffer of a .glb.
@@ -164,26 +163,11 @@ fn visit<'d>(document: &'d Document, index: usize, parent: DMat4, out: &mut Visi
     if let Some(mesh) = node.mesh {
         let mesh = document.meshes.get(mesh).ok_or_else(|| format!("node {index}: mesh {mesh} does not exist"))?;
         out.primitives.extend(mesh.primitives.iter().filter(|p| p.extensions.contains_key(KHR)).map(|p| (p, matrix)));
-        if out.primitives.len() > MAX_PRIMITIVES {
-            return Err(format!("node {index}: more than {MAX_PRIMITIVES} primitives of splats, expected fewer; join them first"));
+        if out.primitives.len() > MAX_PARTS {
+            return Err(format!("node {index}: more than {MAX_PARTS} primitives of splats, expected fewer; join them first"));
         }
     }
     node.children.iter().try_for_each(|child| visit(document, *child, matrix, out, depth + 1))
-}
-
-fn similarity(matrix: DMat4) -> Result<Similarity, String> {
-    if matrix == DMat4::IDENTITY {
-        return Ok(Similarity::IDENTITY);
-    }
-    let linear = DMat3::from_mat4(matrix);
-    let scale = linear.determinant().cbrt();
-    let rotation = linear * (1.0 / scale);
-    // Matrices are written with few digits: the rotation next to it is meant.
-    let next = DMat3::from_quat(DQuat::from_mat3(&rotation).normalize());
-    let similarity = next.abs_diff_eq(rotation, MATRIX_TOLERANCE).then(|| Similarity::new(next, scale, matrix.w_axis.truncate()));
-    similarity
-        .flatten()
-        .ok_or_else(|| "a node shears, mirrors or scales its splats unevenly, which is not supported; apply it first".into())
 }
 
 /// Our extension.
@@ -223,9 +207,16 @@ impl Part {
 }
 
 /// Returns the splats of a primitive.
-fn read_primitive(document: &Document, bin: &[u8], primitive: &Primitive, record: Option<&BakeRecord>) -> Result<Part, String> {
-    let khr = primitive.extensions.get(KHR).and_then(|v| v.get("extensions"));
-    let exact = khr.and_then(|e| e.get(EXTENSION)).map(|v| Exact::deserialize(v).map_err(|e| format!("{EXTENSION}: {e}")));
+fn read_primitive(
+    document: &Document,
+    bin: &[u8],
+    primitive: &Primitive,
+    record: Option<&BakeRecord>,
+    warnings: &mut Vec<String>,
+) -> Result<Part, String> {
+    let khr = primitive.extensions.get(KHR);
+    let exact = khr.and_then(|v| v.get("extensions")).and_then(|e| e.get(EXTENSION));
+    let exact = exact.map(|v| Exact::deserialize(v).map_err(|e| format!("{EXTENSION}: {e}")));
     let read = |name: &str, width: usize| {
         let index = primitive.attributes.get(name).ok_or_else(|| format!("no attribute {name:?}: compressed, or not splats"))?;
         accessor::read(document, bin, *index, width)
@@ -245,29 +236,41 @@ fn read_primitive(document: &Document, bin: &[u8], primitive: &Primitive, record
         splats.position[i] = [f32::NAN; 3];
     }
     splats.rotation = rotations.as_chunks::<4>().0.iter().map(|[x, y, z, w]| [*w, *x, *y, *z]).collect();
-    if let Some(i) = splats.rotation.iter().position(|q| q.iter().all(|v| v.is_finite()) && !is_normalizable(*q)) {
-        return Err(format!("rotation of splat {i} is {:?}, expected a quaternion of length about 1", splats.rotation[i]));
+    splats.log_scale = conventions::log_scales(scales.as_chunks::<3>().0, warnings)?;
+    splats.opacity_logit = conventions::opacity_logits(&opacities, warnings)?;
+    if let Some(exact) = exact.transpose()? {
+        return read_exact(document, bin, splats, exact);
     }
-    splats.log_scale = scales.as_chunks::<3>().0.iter().map(|s| s.map(|s| s.max(f32::MIN_POSITIVE).ln())).collect();
-    splats.opacity_logit = opacities.iter().map(|o| logit(*o)).collect();
-    match exact.transpose()? {
-        Some(exact) => read_exact(document, bin, splats, exact),
-        None => {
-            read_harmonics(&mut splats, |name, width| {
-                let name = format!("{KHR}:{name}");
-                primitive.attributes.contains_key(&name).then(|| read(&name, width))
-            })?;
-            let (color_space, raster) = match record {
-                Some(record) => (record.color_space, record.raster),
-                None => (ColorSpace::LinearRec709, RasterConfig { cutoffs: Cutoffs::PARITY, ..RasterConfig::default() }),
-            };
-            let (edits, world_from_local) = (Vec::new(), Similarity::IDENTITY);
-            let metres_per_unit = record.and_then(|record| record.metres_per_unit);
-            let scene = Scene { splats, radiance_scale: RadianceScale::ONE, color_space, raster, edits, world_from_local, metres_per_unit };
-            let (file_from_world, frame) = record.map_or((None, None), |record| (record.file_from_world, record.local_frame));
-            Ok(Part { scene, file_from_world, frame, is_ours: record.is_some(), is_exact: false })
+    let stated = khr.and_then(|v| v.get("colorSpace"));
+    let color_space = match record {
+        Some(record) => record.color_space(),
+        None => conventions::color_space(stated)?,
+    };
+    let has = |name: &str| primitive.attributes.contains_key(name);
+    let is_bare = !has(&format!("{KHR}:SH_DEGREE_0_COEF_0"));
+    if is_bare && has("COLOR_0") {
+        warnings.push("no harmonics: the colours of the points, COLOR_0, are read in their place".to_owned());
+        // Light in glTF, under the curve of the splats' space here.
+        let colors = read("COLOR_0", 3).or_else(|_| read("COLOR_0", 4))?;
+        let width = colors.len() / count.max(1);
+        let code = |light: f32| if color_space.is_linear() { light } else { srgb_encode(light) };
+        let constant = |rgb: &[f32]| [0, 1, 2].map(|c| (code(rgb[c]) - SH_OFFSET) / sh::C0);
+        if ![3 * count, 4 * count].contains(&colors.len()) {
+            return Err(format!("attributes of different lengths for {count} splats"));
         }
+        splats.sh = colors.chunks_exact(width.max(3)).flat_map(constant).collect();
+    } else {
+        read_harmonics(&mut splats, |name, width| {
+            let name = format!("{KHR}:{name}");
+            primitive.attributes.contains_key(&name).then(|| read(&name, width))
+        })?;
     }
+    let raster = record.map_or_else(|| RasterConfig { cutoffs: Cutoffs::PARITY, ..RasterConfig::default() }, |record| record.raster);
+    let (edits, world_from_local) = (Vec::new(), Similarity::IDENTITY);
+    let metres_per_unit = record.and_then(|record| record.metres_per_unit);
+    let scene = Scene { splats, radiance_scale: RadianceScale::ONE, color_space, raster, edits, world_from_local, metres_per_unit };
+    let (file_from_world, frame) = record.map_or((None, None), |record| (record.file_from_world, record.local_frame));
+    Ok(Part { scene, file_from_world, frame, is_ours: record.is_some(), is_exact: false })
 }
 
 /// Reads harmonics of as many degrees as there are.
@@ -284,7 +287,7 @@ fn read_harmonics(splats: &mut Splats, read: impl Fn(&str, usize) -> Option<Resu
         splats.color_model = ColorModel::Sh { degree: degree as u8 };
     }
     if planes.is_empty() {
-        return Err("no attribute \"SH_DEGREE_0_COEF_0\": splats without colours".into());
+        return Err("no attribute \"SH_DEGREE_0_COEF_0\" and no \"COLOR_0\": splats without colours; export them with harmonics".into());
     }
     splats.sh = interleaved(&planes, 3, splats.len())?;
     Ok(())
@@ -353,21 +356,4 @@ fn read_exact(document: &Document, bin: &[u8], mut splats: Splats, exact: Exact)
     }
     let scene = Scene { splats, radiance_scale, color_space, raster, edits, world_from_local: Similarity::IDENTITY, metres_per_unit };
     Ok(Part { scene, file_from_world, frame: local_frame, is_ours: true, is_exact: true })
-}
-
-/// Joins scenes that have their model in common.
-fn join(scenes: Vec<Scene>) -> Result<Scene, String> {
-    let mut scenes = scenes.into_iter();
-    let mut all = scenes.next().ok_or_else(|| format!("no primitive with {KHR}: no splats in this file's scene"))?;
-    for scene in scenes {
-        let is_alike = scene.splats.color_model == all.splats.color_model
-            && scene.splats.smoothing.is_empty() == all.splats.smoothing.is_empty()
-            && (scene.radiance_scale, scene.color_space, scene.raster) == (all.radiance_scale, all.color_space, all.raster)
-            && scene.world_from_local == all.world_from_local;
-        if !is_alike {
-            return Err("several primitives of splats with different colour models, which is not supported; export them apart".into());
-        }
-        all.splats.append(scene.splats);
-    }
-    Ok(all)
 }

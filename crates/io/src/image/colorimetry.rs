@@ -18,6 +18,20 @@ pub(super) fn settle_space(image: &mut Image, chromaticities: &Chromaticities, w
     Ok(ColorSpace::LinearRec709)
 }
 
+/// Names the space of an image by the chromaticities that its file states, as [`settle_space`] does.
+/// Those that make no colour space, such as zeros of a program that knew none, count as not stated,
+/// with a warning.
+pub(super) fn settle_stated(decoded: &mut DecodedImage, format: &str) {
+    let Some(found) = decoded.chromaticities else { return };
+    match settle_space(&mut decoded.image, &found, &mut decoded.warnings) {
+        Ok(space) => decoded.color_space = Some(space),
+        Err(reason) => {
+            decoded.chromaticities = None;
+            decoded.warnings.push(format!("{format}: {reason}; they are ignored"));
+        }
+    }
+}
+
 /// Sets the space of an image from the ICC profile in its file, if the file states nothing else
 /// about its primaries and the profile's space is known. Curves of profiles are not evaluated.
 pub(super) fn settle_profile(decoded: &mut DecodedImage, bytes: &[u8]) {

@@ -140,7 +140,11 @@ fn choose(parts: &[PartNames], wanted: Option<&str>) -> Result<Picture, Refusal>
     let all = [Kind::Rgb, Kind::Luminance].into_iter().map(|kind| candidates(parts, kind)).find(|found| !found.is_empty());
     let Some(all) = all else {
         let found: Vec<_> = parts.iter().flat_map(|part| part.channels.iter().cloned()).take(16).collect();
-        let message = format!("no colour, found channels {}; expected R, G, B or Y", found.join(", "));
+        if ["Y", "RY", "BY"].into_iter().all(|name| found.iter().any(|channel| last(channel) == name)) {
+            let message = "no colour that is read: luminance and chroma (Y, RY, BY); export it as RGB".to_owned();
+            return Err(Refusal { message, helps_to_choose: false });
+        }
+        let message = format!("no colour, found channels {}; expected R, G, B or Y; export it as RGB", found.join(", "));
         return Err(Refusal { message, helps_to_choose: false });
     };
     let is_asked = |c: &&Candidate| wanted.is_none_or(|text| c.is_named(text) || text.split('/').all(|name| c.is_named(name.trim())));

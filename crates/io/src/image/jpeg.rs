@@ -1,6 +1,6 @@
 //! JPEG in: 8 bits, grey, RGB, YCbCr or CMYK. Read as of sRGB's curve, which is what JFIF and Exif
 //! require of a JPEG without a profile; primaries are an ICC profile's, if they are a known
-//! space's.
+//! space's. A gain map makes light beyond white of it ([`super::gain_map`]).
 //!
 //! The decoder pads a truncated file; that a file is complete is therefore checked
 //! by its markers.
@@ -12,13 +12,14 @@ use image::codecs::jpeg::JpegDecoder;
 use image::{ColorType, ImageDecoder, ImageError};
 
 use super::colorimetry::settle_profile;
+use super::gain_map;
 use super::guard::{check_size, zeroed};
-use super::samples::{Curve, LINEAR, NOT_HDR, SampleGrid};
+use super::samples::{Curve, LINEAR, NOT_HDR, SampleGrid, aspect_warning};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
 
 /// Returns the samples as they are.
-fn samples(name: &Path, bytes: &[u8]) -> Result<(SampleGrid, Vec<u8>), IoError> {
+pub(super) fn samples(name: &Path, bytes: &[u8]) -> Result<(SampleGrid, Vec<u8>), IoError> {
     let markers = Markers::read(bytes);
     let size = markers.size.ok_or_else(|| damaged(name, "no frame header with a size"))?;
     check_size(name, size.map(u64::from), bytes.len() as u64)?;
@@ -67,8 +68,50 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
         is_display_coded: curve != LINEAR,
         warnings,
     };
+    if options.transfer.is_none() {
+        gain_map::apply(name, bytes, &mut decoded.image, &mut decoded.warnings)?;
+    }
+    decoded.warnings.extend(aspect(bytes).and_then(aspect_warning));
     settle_profile(&mut decoded, bytes);
     Ok(decoded)
+}
+
+/// Returns the width of a pixel over its height, by the densities that JFIF's segment states.
+fn aspect(bytes: &[u8]) -> Option<f64> {
+    const APP0: u8 = 0xe0;
+    segments(bytes).find_map(|(marker, content)| match content.strip_prefix(b"JFIF\0")? {
+        [_, _, _, x1, x0, y1, y0, ..] if marker == APP0 => {
+            let [across, down] = [[*x1, *x0], [*y1, *y0]].map(|density| f64::from(u16::from_be_bytes(density)));
+            Some(down / across)
+        }
+        _ => None,
+    })
+}
+
+/// Returns the segments of a picture up to its entropy-coded data: marker and content.
+pub(super) fn segments(bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
+    const START_OF_SCAN: u8 = 0xda;
+    let mut rest = bytes.get(2..).unwrap_or_default();
+    std::iter::from_fn(move || {
+        let (marker, after) = next_marker(rest)?;
+        let (content, after) = segment(after).filter(|_| marker != START_OF_SCAN)?;
+        rest = after;
+        Some((marker, content))
+    })
+}
+
+/// Returns the length of the picture that bytes begin with, up to its end-of-image marker.
+pub(super) fn whole_length(bytes: &[u8]) -> Option<usize> {
+    let mut rest = bytes.strip_prefix(&[0xff, 0xd8])?;
+    while let Some((marker, after)) = next_marker(rest) {
+        rest = after;
+        match marker {
+            0xd9 => return Some(bytes.len() - rest.len()),
+            0x01 | 0xd0..=0xd8 => {}
+            _ => (_, rest) = segment(rest)?,
+        }
+    }
+    None
 }
 
 /// Returns the size from the frame header.

@@ -19,7 +19,9 @@ mod exr_blocks;
 mod exr_deep;
 mod exr_header;
 mod exr_layers;
+mod gain_map;
 pub(crate) mod guard;
+mod interop_id;
 mod jpeg;
 pub(crate) mod npy;
 pub(crate) mod openexr;
@@ -27,16 +29,19 @@ mod plate;
 mod png;
 mod png_pq;
 mod radiance;
+mod refused;
 mod resample;
 mod samples;
 mod straighten;
 mod tiff;
+mod tiff_samples;
 mod transfer;
 mod write;
 
 use std::io::{Read, Seek};
 use std::path::Path;
 
+use luxel_core::photo::StatedCurve;
 use luxel_core::{Chromaticities, ColorSpace, Image};
 
 use crate::IoError;
@@ -44,6 +49,7 @@ use crate::read_file::{open_regular, read_file};
 
 pub use exr_attributes::{ExrAttributes, read_exr_attributes};
 pub use exr_deep::{encode_deep_exr, write_deep_exr};
+pub use interop_id::name as color_interop_id;
 pub use png_pq::{LightLevels, encode_png_pq};
 pub use resample::{downscale, downscale_masked, pinhole_within, undistort, undistort_into};
 pub(crate) use straighten::{lost_field, straighten};
@@ -165,11 +171,14 @@ impl Format {
             return Err(IoError::invalid(name, "the file is empty, expected an image; copy or export it again"));
         }
         MAGIC.iter().find(|(magic, _)| head.starts_with(magic)).map(|&(_, format)| format).ok_or_else(|| {
+            if let Some(refused) = refused::known_by_name(name, head) {
+                return refused;
+            }
             let found: Vec<_> = head.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
             IoError::unsupported(
                 name,
                 format!(
-                    "not an image of a known format: begins with bytes {}, expected OpenEXR, Radiance HDR, TIFF, PNG, JPEG, DPX or NumPy's .npy",
+                    "not an image of a known format: begins with bytes {}, expected OpenEXR, Radiance HDR, TIFF, PNG, JPEG, DPX or NumPy's .npy; export it as one of these",
                     found.join(" ")
                 ),
             )
@@ -313,6 +322,21 @@ pub(crate) fn jpeg_codes(name: &Path, bytes: &[u8]) -> Result<Option<(usize, usi
         return Ok(None);
     }
     guard::contain(name, || jpeg::codes(name, bytes)).map(Some)
+}
+
+/// Returns whether a picture of integer samples holds light beyond white by the curve that it states.
+pub(crate) fn states_hdr_curve(name: &Path, bytes: &[u8]) -> bool {
+    matches!(Format::detect(name, bytes), Ok(Format::Png)) && png::states_hdr_curve(name, bytes)
+}
+
+/// Returns whether a picture has a gain map beside it.
+pub(crate) fn has_gain_map(name: &Path, bytes: &[u8]) -> bool {
+    matches!(Format::detect(name, bytes), Ok(Format::Jpeg)) && gain_map::is_in(bytes)
+}
+
+/// Returns the curve between codes and light that an integer picture states.
+pub(crate) fn stated_curve(name: &Path, bytes: &[u8]) -> Result<Option<StatedCurve>, IoError> {
+    if Format::detect(name, bytes)? == Format::Png { png::stated_curve(name, bytes) } else { Ok(None) }
 }
 
 /// Returns the CIE xy of red, green, blue and white that an integer picture states, itself or by

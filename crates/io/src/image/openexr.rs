@@ -2,8 +2,8 @@
 //! crate; HTJ2K and the newer ones of OpenEXR 3.5 are refused by name.
 //!
 //! Out: the display window; pixels outside of the data window are 0. Which part, layer and view is
-//! read: [`super::exr_layers`]. Of mip maps the full resolution. Chromaticities are honoured;
-//! absent, the standard's default is Rec.709.
+//! read: [`super::exr_layers`]. Of mip maps the full resolution. The space is that of `colorInteropID`,
+//! else of the chromaticities; absent, the standard's default is Rec.709.
 //!
 //! Blocks are decompressed on the calling thread: panics can be contained there, and data sets
 //! decode images in parallel anyway.
@@ -17,37 +17,88 @@ use ::exr::block::reader::ChunksReader;
 use ::exr::block::{BlockIndex, UncompressedBlock};
 use ::exr::compression::Compression;
 use ::exr::error::Error as ExrError;
-use ::exr::meta::attribute::SampleType;
+use ::exr::meta::attribute::{AttributeValue, SampleType};
 use ::exr::meta::header::{Header, ImageAttributes};
 use ::exr::meta::{BlockDescription, MetaData};
 use ::exr::prelude::{Vec2, f16};
-use luxel_core::Image;
+use luxel_core::{Chromaticities, Image};
 
-use super::colorimetry::settle_space;
+use super::colorimetry::settle_stated;
 use super::exr_blocks::check_counts;
+use super::exr_header::without_idle_type;
 use super::exr_layers::{ColorChannels, Picture, find_picture};
 use super::guard::{check_block, check_size, zeroed};
+use super::interop_id::{self, InteropSpace};
+use super::samples::{LINEAR, aspect_warning};
 use super::{DecodedImage, ReadOptions, SampleDepth};
 use crate::IoError;
 
-/// How far a pixel aspect ratio may be off 1: rounding of sizes.
-const SQUARE_TOLERANCE: f32 = 1e-3;
+/// Bytes in which a header is looked at for what the library does not read.
+const MOST_HEADER: u64 = 1 << 16;
+
+/// How far chromaticities of a space may be off: files round them.
+const CHROMATICITY_TOLERANCE: f32 = 1.5e-3;
 
 /// Decodes a whole file.
 pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
-    let mut decoded = decode_stored(name, bytes, options)?;
-    if let Some(found) = &decoded.chromaticities {
-        let space = settle_space(&mut decoded.image, found, &mut decoded.warnings);
-        decoded.color_space = Some(space.map_err(|e| IoError::invalid(name, format!("OpenEXR: {e}")))?);
+    let (mut decoded, interop_id) = decode_with_id(name, bytes, options)?;
+    if let Some(id) = interop_id {
+        apply_id(name, &id, &mut decoded)?;
     }
+    settle_stated(&mut decoded, "OpenEXR");
     Ok(decoded)
 }
 
 /// Decodes the samples as they are stored, in the file's primaries.
 pub(super) fn decode_stored(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    decode_with_id(name, bytes, options).map(|(decoded, _)| decoded)
+}
+
+/// Decodes the samples as they are stored, and returns the name of their space, if there is one.
+fn decode_with_id(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(DecodedImage, Option<String>), IoError> {
     let pick = |headers: &[Header]| find_picture(name, headers, options.layer.as_deref());
-    let (canvas, attributes, warnings) = draw(name, bytes, pick)?;
-    Ok(canvas.finish(&attributes, warnings))
+    let (canvas, header, warnings) = draw(name, bytes, pick)?;
+    let attributes = [&header.own_attributes.other, &header.shared_attributes.other];
+    let id = attributes.into_iter().flatten().find_map(|(key, value)| match value {
+        AttributeValue::Text(text) if key.to_string() == interop_id::ATTRIBUTE => Some(text.to_string()),
+        _ => None,
+    });
+    Ok((canvas.finish(&header.shared_attributes, warnings), id.filter(|id| !id.is_empty())))
+}
+
+/// Takes the space that a file's `colorInteropID` names, which goes before its chromaticities.
+fn apply_id(name: &Path, id: &str, decoded: &mut DecodedImage) -> Result<(), IoError> {
+    match interop_id::parse(id) {
+        InteropSpace::Colors { chromaticities, curve, white } => {
+            let is_other = |stated: &Chromaticities| {
+                let pairs = stated.as_flattened().iter().zip(chromaticities.as_flattened());
+                stated.as_flattened().iter().any(|v| *v != 0.0) && pairs.clone().any(|(a, b)| (a - b).abs() > CHROMATICITY_TOLERANCE)
+            };
+            if let Some(stated) = decoded.chromaticities.filter(is_other) {
+                let message = format!("colorInteropID {id:?} contradicts the chromaticities {stated:?}: the name is taken");
+                decoded.warnings.push(message);
+            }
+            decoded.chromaticities = Some(chromaticities);
+            if white != [1.0; 3] {
+                decoded.image.pixels.iter_mut().for_each(|pixel| *pixel = [0, 1, 2].map(|c| pixel[c] / white[c]));
+            }
+            if curve != LINEAR {
+                decoded.image.pixels.iter_mut().for_each(|pixel| *pixel = pixel.map(|v| curve.decode(v.into())));
+                decoded.is_display_coded = true;
+                decoded.warnings.push(format!("colorInteropID {id:?} is a space whose numbers are not light: they are decoded to it"));
+            }
+        }
+        InteropSpace::Data => decoded.warnings.push(format!("colorInteropID is {id:?}: its numbers are no colours, and are read as light")),
+        InteropSpace::Unknown => {
+            let space = if decoded.chromaticities.is_some() { "its chromaticities are taken" } else { "linear-rec709 is taken for it" };
+            decoded.warnings.push(format!("colorInteropID {id:?} is no name of a space that is known: {space}"));
+        }
+        InteropSpace::Refused => {
+            let message = format!("OpenEXR: colorInteropID {id:?} is a space whose numbers are not light; export it as linear light");
+            return Err(IoError::unsupported(name, message));
+        }
+    }
+    Ok(())
 }
 
 /// Decodes the channel of depth: width and height, and its values by row.
@@ -88,8 +139,9 @@ fn draw(
     name: &Path,
     bytes: &[u8],
     pick: impl FnOnce(&[Header]) -> Result<Picture, IoError>,
-) -> Result<(Canvas, ImageAttributes, Vec<String>), IoError> {
+) -> Result<(Canvas, Header, Vec<String>), IoError> {
     let failed = |error: ExrError| explain(name, &error);
+    let bytes = &without_idle_type(bytes);
     let reader = ::exr::block::read(Cursor::new(bytes), false).map_err(failed)?;
     for header in reader.headers() {
         check_header(name, header, bytes.len() as u64)?;
@@ -124,12 +176,19 @@ fn draw(
         }
         canvas.draw(&block, &header);
     }
-    Ok((canvas, header.shared_attributes, warnings))
+    Ok((canvas, header, warnings))
 }
 
 /// Returns the size of the display window, from the header.
-pub(super) fn size(name: &Path, file: impl Read + Seek) -> Result<[u32; 2], IoError> {
-    let meta = MetaData::read_from_buffered(BufReader::new(file), false).map_err(|error| explain(name, &error))?;
+pub(super) fn size(name: &Path, mut file: impl Read + Seek) -> Result<[u32; 2], IoError> {
+    let mut head = Vec::new();
+    file.by_ref().take(MOST_HEADER).read_to_end(&mut head).map_err(|e| IoError::system(name, "read", &e))?;
+    let mut read = MetaData::read_from_buffered(Cursor::new(without_idle_type(&head)), false);
+    if read.is_err() && head.len() as u64 == MOST_HEADER {
+        file.rewind().map_err(|e| IoError::system(name, "read", &e))?;
+        read = MetaData::read_from_buffered(BufReader::new(file), false);
+    }
+    let meta = read.map_err(|error| explain(name, &error))?;
     let header = meta.headers.first().ok_or_else(|| IoError::invalid(name, "header: no parts"))?;
     let Vec2(width, height) = header.shared_attributes.display_window.size;
     Ok([width, height].map(|side| u32::try_from(side).unwrap_or(u32::MAX)))
@@ -230,10 +289,7 @@ impl Canvas {
 
     fn finish(self, attributes: &ImageAttributes, mut warnings: Vec<String>) -> DecodedImage {
         let Self { image, alpha, .. } = self;
-        let aspect = attributes.pixel_aspect;
-        if (aspect - 1.0).abs() > SQUARE_TOLERANCE {
-            warnings.push(format!("the pixel aspect ratio is {aspect}: pixels are read as square, as cameras of data sets take them"));
-        }
+        warnings.extend(aspect_warning(attributes.pixel_aspect.into()));
         let chromaticities = attributes.chromaticities.map(|c| [c.red, c.green, c.blue, c.white].map(|Vec2(x, y)| [x, y]));
         DecodedImage {
             image,

@@ -11,11 +11,12 @@ use std::path::Path;
 
 use image::codecs::png::PngDecoder;
 use image::{ColorType, ImageDecoder, ImageError, Limits};
+use luxel_core::photo::StatedCurve;
 use luxel_core::{Chromaticities, ColorSpace, Remedy};
 
-use super::colorimetry::{conversion_to_rec709, settle_profile, settle_space};
+use super::colorimetry::{conversion_to_rec709, settle_profile, settle_stated};
 use super::guard::{check_size, zeroed};
-use super::samples::{Curve, LINEAR, SampleGrid, depth_warnings};
+use super::samples::{Curve, LINEAR, SampleGrid, aspect_warning, depth_warnings};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
 
@@ -31,10 +32,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
         return Ok(decoded);
     }
     decoded.chromaticities = info.chromaticities(name)?;
-    if let Some(found) = &decoded.chromaticities {
-        let space = settle_space(&mut decoded.image, found, &mut decoded.warnings);
-        decoded.color_space = Some(space.map_err(|e| IoError::invalid(name, format!("PNG: {e}")))?);
-    }
+    settle_stated(&mut decoded, "PNG");
     Ok(decoded)
 }
 
@@ -51,10 +49,23 @@ pub(super) fn primaries(name: &Path, bytes: &[u8], of_profile: Option<Chromatici
         Some(found) if info.named_primaries().is_none() => return Ok(Some(found)),
         _ => info.chromaticities(name)?,
     };
-    if let Some(found) = &stated {
-        conversion_to_rec709(found).map_err(|e| IoError::invalid(name, format!("PNG: {e}")))?;
-    }
-    Ok(stated)
+    Ok(stated.filter(|found| conversion_to_rec709(found).is_ok()))
+}
+
+/// Returns whether a file states a curve of light beyond white.
+pub(super) fn states_hdr_curve(name: &Path, bytes: &[u8]) -> bool {
+    Info::read(name, bytes).is_ok_and(|info| info.cicp.is_some_and(|[_, transfer, ..]| [16, 18].contains(&transfer)))
+}
+
+/// Returns the curve that a file states, as far as it is one of a developed picture.
+pub(super) fn stated_curve(name: &Path, bytes: &[u8]) -> Result<Option<StatedCurve>, IoError> {
+    // A curve that is not read is no statement here: codes stay codes.
+    Ok(match Info::read(name, bytes)?.curve(name, &ReadOptions::default()).unwrap_or_default() {
+        Some(Curve::Named(Transfer::Linear)) => Some(StatedCurve::Linear),
+        Some(Curve::Named(Transfer::Srgb)) => Some(StatedCurve::Srgb),
+        Some(Curve::Power(exponent)) => Some(StatedCurve::Power(exponent)),
+        _ => None,
+    })
 }
 
 /// Returns the samples through their curve, in the file's primaries.
@@ -74,7 +85,11 @@ fn decode_samples(name: &Path, bytes: &[u8], info: &Info, options: &ReadOptions)
         ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => (SampleDepth::Integer16, 16),
         _ => return Err(IoError::unsupported(name, format!("PNG: colour type {color:?}; export it as RGB"))),
     };
-    let curve = Curve::choose(name, options, info.curve(name, options)?, bits)?;
+    let chosen = Curve::choose(name, options, info.curve(name, options)?, bits)?;
+    let curve = match chosen {
+        Curve::Named(transfer) if info.is_narrow() => Curve::Narrow { transfer, bits },
+        other => other,
+    };
     let (width, height) = (info.size[0] as usize, info.size[1] as usize);
     let layout = SampleGrid { width, height, channels: channels.into() };
     let samples = width * height * usize::from(channels);
@@ -90,7 +105,8 @@ fn decode_samples(name: &Path, bytes: &[u8], info: &Info, options: &ReadOptions)
             layout.assemble16(name, &buffer, curve)?
         }
     };
-    let (is_display_coded, warnings) = (curve != LINEAR, depth_warnings(depth));
+    let (is_display_coded, mut warnings) = (chosen != LINEAR, depth_warnings(depth));
+    warnings.extend(info.pixel_aspect.and_then(aspect_warning));
     Ok(DecodedImage { image, alpha, is_premultiplied: false, color_space: None, chromaticities: None, depth, is_display_coded, warnings })
 }
 
@@ -134,14 +150,16 @@ fn next_chunk(bytes: &[u8]) -> Option<(&[u8; 4], &[u8], &[u8])> {
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Info {
     size: [u32; 2],
-    /// Primaries and transfer function by ITU-T H.273.
-    cicp: Option<[u8; 2]>,
+    /// Primaries, transfer function, matrix and whether the range is full, by ITU-T H.273.
+    cicp: Option<[u8; 4]>,
     is_srgb: bool,
     has_icc: bool,
     /// Encoding exponent times 100000.
     gamma: Option<u32>,
     /// White, red, green, blue; xy times 100000.
     chromaticities: Option<[u32; 8]>,
+    /// Width of a pixel over its height.
+    pixel_aspect: Option<f64>,
 }
 
 impl Info {
@@ -152,11 +170,15 @@ impl Info {
             let Some((kind, data, after)) = next_chunk(rest) else { return Err(cut_short(name, "ends before chunk IEND")) };
             match kind {
                 b"IEND" => return Ok(info),
-                b"cICP" => info.cicp = data.first_chunk::<2>().copied(),
+                b"cICP" => info.cicp = data.first_chunk::<4>().copied(),
                 b"sRGB" => info.is_srgb = true,
                 b"iCCP" => info.has_icc = true,
                 b"gAMA" => info.gamma = data.first_chunk::<4>().map(|b| u32::from_be_bytes(*b)),
                 b"cHRM" => info.chromaticities = data.as_chunks::<4>().0.first_chunk::<8>().map(|v| v.map(u32::from_be_bytes)),
+                b"pHYs" => {
+                    let per_unit = data.as_chunks::<4>().0.first_chunk::<2>().map(|v| v.map(u32::from_be_bytes));
+                    info.pixel_aspect = per_unit.map(|[across, down]| f64::from(down) / f64::from(across));
+                }
                 _ => {}
             }
             rest = after;
@@ -171,12 +193,20 @@ impl Info {
         if options.transfer.is_some() {
             return Ok(None);
         }
-        if let Some([_, transfer]) = self.cicp {
+        if let Some([_, transfer, matrix, _]) = self.cicp {
+            if matrix != 0 {
+                let message =
+                    format!("PNG: chunk cICP names matrix {matrix}, expected 0 (RGB), which is the only one PNG may have; convert it");
+                return Err(IoError::unsupported(name, message));
+            }
             return match transfer {
                 8 => Ok(Some(Curve::Named(Transfer::Linear))),
                 13 => Ok(Some(Curve::Named(Transfer::Srgb))),
+                16 => Ok(Some(Curve::Named(Transfer::Pq))),
+                18 => Ok(Some(Curve::Named(Transfer::Hlg))),
                 other => {
-                    let message = format!("PNG: chunk cICP names transfer function {other}, expected 8 (linear) or 13 (sRGB)");
+                    let message =
+                        format!("PNG: chunk cICP names transfer function {other}, expected 8 (linear), 13 (sRGB), 16 (PQ) or 18 (HLG)");
                     let remedy = Remedy::advice("convert the image").or(Remedy::give("transfer"));
                     Err(IoError::unsupported(name, message).with_remedy(remedy))
                 }
@@ -192,11 +222,16 @@ impl Info {
         })
     }
 
+    /// Returns whether codes are in the narrow range of video.
+    fn is_narrow(&self) -> bool {
+        self.cicp.is_some_and(|[.., full]| full == 0)
+    }
+
     /// Returns the primaries that cICP names, if it names any.
     fn named_primaries(&self) -> Option<u8> {
         /// "Unspecified" of ITU-T H.273.
         const UNSPECIFIED: u8 = 2;
-        self.cicp.map(|[primaries, _]| primaries).filter(|primaries| *primaries != UNSPECIFIED)
+        self.cicp.map(|[primaries, ..]| primaries).filter(|primaries| *primaries != UNSPECIFIED)
     }
 
     /// Returns the red, green, blue and white, where the file states them.
@@ -242,19 +277,19 @@ mod tests {
         assert_eq!(curve(&info), Some(Curve::Named(Transfer::Linear)));
         assert_eq!(curve(&Info { gamma: Some(50_000), ..Info::default() }), Some(Curve::Power(2.0)));
         assert_eq!(curve(&Info { is_srgb: true, ..info.clone() }), Some(Curve::Named(Transfer::Srgb)));
-        assert_eq!(curve(&Info { is_srgb: true, cicp: Some([1, 8]), ..info.clone() }), Some(Curve::Named(Transfer::Linear)));
+        assert_eq!(curve(&Info { is_srgb: true, cicp: Some([1, 8, 0, 1]), ..info.clone() }), Some(Curve::Named(Transfer::Linear)));
         assert_eq!(curve(&Info { has_icc: true, ..info }), None);
         assert_eq!(curve(&Info::default()), None);
     }
 
     #[test]
     fn unknown_code_points_are_refused() {
-        let info = Info { cicp: Some([9, 16]), ..Info::default() };
+        let info = Info { cicp: Some([9, 1, 0, 1]), ..Info::default() };
         let error = info.curve(Path::new("a.png"), &ReadOptions::default()).unwrap_err();
         assert!(error.remedy.is_some_and(|remedy| remedy.options().eq(["transfer"])));
-        assert!(Info { cicp: Some([22, 8]), ..info.clone() }.chromaticities(Path::new("a.png")).is_err());
+        assert!(Info { cicp: Some([22, 8, 0, 1]), ..info.clone() }.chromaticities(Path::new("a.png")).is_err());
         // Unspecified counts as not stated.
-        let silent = Info { cicp: Some([2, 13]), ..info };
+        let silent = Info { cicp: Some([2, 13, 0, 1]), ..info };
         assert_eq!(silent.chromaticities(Path::new("a.png")).unwrap(), None);
         let rec709 = ColorSpace::LinearRec709.chromaticities();
         assert_eq!(Info { is_srgb: true, ..silent }.chromaticities(Path::new("a.png")).unwrap(), Some(rec709));

@@ -1,7 +1,8 @@
 //! Radiance HDR in: RGBE, run-length encoded or flat, rows from the top.
 //!
 //! EXPOSURE= and COLORCORR= divide, as they are the factors that the pixels were multiplied by.
-//! PRIMARIES= is honoured; absent, Rec.709 is the convention. XYZE and turned images are refused.
+//! PRIMARIES= is honoured; absent, or where its numbers make no colour space, Rec.709 is the
+//! convention. XYZE and turned images are refused.
 
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
@@ -10,8 +11,9 @@ use image::codecs::hdr::{HdrDecoder, HdrMetadata};
 use image::{ImageDecoder, ImageError};
 use luxel_core::Image;
 
-use super::colorimetry::settle_space;
+use super::colorimetry::settle_stated;
 use super::guard::{check_size, zeroed};
+use super::samples::aspect_warning;
 use super::{DecodedImage, SampleDepth};
 use crate::IoError;
 
@@ -31,22 +33,19 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
     }
     let mut image = Image { width, height, pixels };
 
-    let gain = gain(name, &header)?;
+    let mut warnings = Vec::new();
+    let gain = gain(&header, &mut warnings);
     if gain != [1.0; 3] {
         for pixel in &mut image.pixels {
             *pixel = [0, 1, 2].map(|c| pixel[c] / gain[c]);
         }
     }
-    let mut warnings = Vec::new();
+    warnings.extend(header.pixel_aspect_ratio.and_then(|height_over_width| aspect_warning(1.0 / f64::from(height_over_width))));
     let chromaticities = primaries(name, &header)?;
-    let color_space = match &chromaticities {
-        Some(found) => {
-            Some(settle_space(&mut image, found, &mut warnings).map_err(|e| IoError::invalid(name, format!("PRIMARIES=: {e}")))?)
-        }
-        None => None,
-    };
     let (alpha, is_premultiplied, depth, is_display_coded) = (None, false, SampleDepth::Float, false);
-    Ok(DecodedImage { image, alpha, is_premultiplied, color_space, chromaticities, depth, is_display_coded, warnings })
+    let mut decoded = DecodedImage { image, alpha, is_premultiplied, color_space: None, chromaticities, depth, is_display_coded, warnings };
+    settle_stated(&mut decoded, "PRIMARIES=");
+    Ok(decoded)
 }
 
 /// Returns the bytes of the pixels of an old file without any run lengths: as many as pixels need,
@@ -108,16 +107,24 @@ fn explain(name: &Path, error: &ImageError) -> IoError {
     }
 }
 
-/// Returns the factors that the pixels were multiplied by, per channel.
-fn gain(name: &Path, header: &HdrMetadata) -> Result<[f32; 3], IoError> {
+/// Returns the factors that the pixels were multiplied by, per channel. Factors that are no positive
+/// numbers, such as the 0 that FreeImage writes, say nothing.
+fn gain(header: &HdrMetadata, warnings: &mut Vec<String>) -> [f32; 3] {
     let exposure = header.exposure.unwrap_or(1.0);
     let (r, g, b) = header.color_correction.unwrap_or((1.0, 1.0, 1.0));
-    let gain = [r, g, b].map(|c| c * exposure);
-    if gain.iter().all(|g| g.is_normal() && *g > 0.0) {
-        Ok(gain)
-    } else {
-        Err(IoError::invalid(name, format!("header: EXPOSURE= and COLORCORR= multiply to {gain:?}, expected positive numbers")))
-    }
+    let is_factor = |v: f32| v.is_normal() && v > 0.0;
+    let mut stated = |name: &str, found: [f32; 3]| match found.into_iter().all(is_factor) {
+        true => found,
+        false => {
+            let [r, g, b] = found;
+            let found = if r == g && g == b { format!("{r}") } else { format!("{r} {g} {b}") };
+            warnings.push(format!("{name}={found} is no positive factor: it is ignored"));
+            [1.0; 3]
+        }
+    };
+    let (exposure, correction) = (stated("EXPOSURE", [exposure; 3]), stated("COLORCORR", [r, g, b]));
+    let gain = [0, 1, 2].map(|c| exposure[c] * correction[c]);
+    stated("EXPOSURE times COLORCORR", gain)
 }
 
 /// Returns the CIE xy of red, green, blue and white.

@@ -18,14 +18,22 @@ pub(super) enum Curve {
     Named(Transfer),
     /// light = sample ^ exponent (PNG's gAMA).
     Power(f64),
+    /// One of those with a name, of codes in the narrow range of video, of 8 or 16 bits.
+    Narrow { transfer: Transfer, bits: u8 },
 }
 
 impl Curve {
-    /// Returns the light of a sample in 0..=1.
+    /// Returns the light of a sample, of 0 to 1 if it is a code.
     pub(super) fn decode(self, sample: f64) -> f32 {
         let light = match self {
             Self::Named(transfer) => transfer.light(sample),
             Self::Power(exponent) => sample.powf(exponent),
+            // ITU-R BT.2100, table 9: black is 16 and white 235, of 8 bits.
+            Self::Narrow { transfer, bits } => {
+                let unit = f64::from(1u32 << (bits.max(8) - 8));
+                let code = sample * f64::from((1u32 << bits) - 1);
+                transfer.light(((code / unit - 16.0) / 219.0).max(0.0))
+            }
         };
         light as f32
     }
@@ -44,6 +52,21 @@ impl Curve {
 
 /// The warning about every image of up to 8 bits.
 pub(super) const NOT_HDR: &str = "8 bits: not HDR";
+
+/// How far a pixel aspect ratio may be off 1: rounding of sizes and resolutions.
+const SQUARE_TOLERANCE: f64 = 1e-3;
+
+/// Returns the warning about pixels that are not square, by their width over their height; a ratio
+/// that is no positive number says nothing.
+pub(super) fn aspect_warning(aspect: f64) -> Option<String> {
+    let is_stated = aspect.is_normal() && aspect > 0.0 && (aspect - 1.0).abs() > SQUARE_TOLERANCE;
+    is_stated.then(|| {
+        format!(
+            "the pixel aspect ratio is {aspect:.4}: pixels are read as square, as cameras of data sets take them; resize the image if it looks \
+             squeezed"
+        )
+    })
+}
 
 /// Returns the warnings that follow from the precision.
 pub(super) fn depth_warnings(depth: SampleDepth) -> Vec<String> {

@@ -1,5 +1,5 @@
-//! TIFF and BigTIFF in: integers of 8 and 16 bits, grey ones of 1, 2 and 4, half, single and double
-//! floats; grey or RGB, with or without alpha; first image.
+//! TIFF and BigTIFF in: integers of 8 and 16 bits, grey ones of 1 to 7, half, single and double
+//! floats; grey or RGB, with or without alpha, of any number of extra samples; first image.
 //!
 //! Whether colours are multiplied by alpha is stated by ExtraSamples (TIFF 6.0, page 31); where it
 //! says neither, as elsewhere: floats are, integers are not. Integers were multiplied as codes:
@@ -16,30 +16,19 @@ use std::io::{BufReader, Cursor, Read, Seek};
 use std::path::Path;
 
 use ::tiff::decoder::ifd::Value;
-use ::tiff::decoder::{Decoder, DecodingResult, Limits};
+use ::tiff::decoder::{Decoder, DecodingResult};
 use ::tiff::tags::Tag;
 use ::tiff::{ColorType, TiffError};
 use luxel_core::Chromaticities;
 
-use super::colorimetry::{conversion_to_rec709, settle_profile, settle_space};
-use super::guard::{check_block, check_size};
-use super::samples::{Curve, LINEAR, SampleGrid, depth_warnings};
+use super::colorimetry::{conversion_to_rec709, settle_profile, settle_stated};
+use super::guard::check_size;
+use super::samples::{Curve, LINEAR, SampleGrid, aspect_warning, depth_warnings};
+use super::tiff_samples::{self, ReadSamples};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
-use crate::memory::check_memory;
-use crate::tags::endless_text;
+use crate::tags::{Tags, endless_text};
 
-/// Bytes of the widest sample (f64) times the most channels.
-const MAX_PIXEL_BYTES: usize = 32;
-
-/// Bytes per pixel of what the samples become: f32 of three channels and of alpha.
-const OUTPUT_BYTES: u64 = 16;
-
-/// Values of ExtraSamples.
-const ASSOCIATED_ALPHA: u16 = 1;
-const UNASSOCIATED_ALPHA: u16 = 2;
-/// Value of PhotometricInterpretation.
-const WHITE_IS_ZERO: u16 = 0;
 /// White where none is stated.
 const D65: [f32; 2] = [0.3127, 0.3290];
 /// Decodes the first image.
@@ -49,10 +38,8 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
         settle_profile(&mut decoded, bytes);
         return Ok(decoded);
     };
-    match settle_space(&mut decoded.image, &found, &mut decoded.warnings) {
-        Ok(space) => (decoded.chromaticities, decoded.color_space) = (Some(found), Some(space)),
-        Err(reason) => decoded.warnings.push(format!("TIFF: {reason}; they are ignored")),
-    }
+    decoded.chromaticities = Some(found);
+    settle_stated(&mut decoded, "TIFF");
     Ok(decoded)
 }
 
@@ -104,6 +91,13 @@ fn number(value: &Value) -> Option<f32> {
     }
 }
 
+/// Returns the width of a pixel over its height, by the resolutions across and down.
+fn pixel_aspect<R: Read + Seek>(decoder: &mut Decoder<R>) -> Option<f64> {
+    let mut resolution = |tag| decoder.find_tag(tag).ok().flatten().as_ref().and_then(number).map(f64::from);
+    let (across, down) = (resolution(Tag::XResolution)?, resolution(Tag::YResolution)?);
+    Some(down / across)
+}
+
 /// Fax codes store an empty line as a bit, which makes a flat mask so many times smaller than the
 /// same pixels in other formats.
 const BILEVEL_RATIO: u64 = 32;
@@ -111,6 +105,7 @@ const BILEVEL_RATIO: u64 = 32;
 /// Returns the samples through their curve, in the file's primaries.
 fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
     let failed = |error: TiffError| explain(name, &error);
+    refuse_dng(name, bytes)?;
     // The library prints a line of its own where it meets one.
     if let Some(tag) = endless_text(bytes) {
         return Err(IoError::invalid(
@@ -126,62 +121,11 @@ fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<De
     let plausible_bytes = bytes.len() as u64 * if is_bilevel { BILEVEL_RATIO } else { 1 };
     check_size(name, [width, height].map(u64::from), plausible_bytes)?;
     refuse_raw(name, &mut decoder)?;
-    let color = decoder.colortype().map_err(failed)?;
-    let bits = color.bit_depth();
-    let is_white_zero = decoder.find_tag_unsigned::<u16>(Tag::PhotometricInterpretation).map_err(failed)? == Some(WHITE_IS_ZERO);
-    if is_white_zero && is_float(Cursor::new(bytes)) {
-        return Err(IoError::unsupported(
-            name,
-            "TIFF: floating-point samples of which 0 is white (WhiteIsZero), which are no light; export it with 0 for black (BlackIsZero)",
-        ));
-    }
-    let channels = match color {
-        ColorType::Gray(_) => 1,
-        ColorType::GrayA(_) | ColorType::Multiband { num_samples: 2, .. } => 2,
-        ColorType::RGB(_) => 3,
-        ColorType::RGBA(_) => 4,
-        _ => return Err(IoError::unsupported(name, format!("TIFF: colour type {color:?}; export it as RGB"))),
-    };
-    let layout = SampleGrid { width: width as usize, height: height as usize, channels };
-    let sample_bytes = u64::from(bits.div_ceil(8)) * channels as u64;
-    check_memory(name, u64::from(width) * u64::from(height) * (sample_bytes + OUTPUT_BYTES))?;
-    // The library fills its memory before it decodes.
-    let stored_bytes = (u64::from(width) * u64::from(height)).saturating_mul(u64::from(bits) * channels as u64).div_ceil(8);
-    check_block(name, stored_bytes, bytes.len() as u64)?;
-    let extra = decoder.find_tag_unsigned_vec::<u16>(Tag::ExtraSamples).map_err(failed)?.unwrap_or_default();
-
-    let mut limits = Limits::default();
-    limits.decoding_buffer_size = (layout.width * layout.height).saturating_mul(MAX_PIXEL_BYTES);
-    limits.intermediate_buffer_size = limits.decoding_buffer_size.max(1 << 20);
-    limits.ifd_value_size = bytes.len().max(1 << 20);
-    let mut decoder = decoder.with_limits(limits);
-    let mut samples = DecodingResult::U8(Vec::new());
-    let plan = decoder.read_image_to_buffer(&mut samples).map_err(failed)?;
-    if plan.planes > 1 {
-        return Err(IoError::unsupported(name, "TIFF: channels in separate planes; export it with interleaved channels"));
-    }
-    let is_premultiplied = match extra.first() {
-        Some(&ASSOCIATED_ALPHA) => Some(true),
-        Some(&UNASSOCIATED_ALPHA) => Some(false),
-        _ => None,
-    };
-    if let (DecodingResult::U8(packed), true) = (&mut samples, bits < 8) {
-        *packed = unpacked(packed, layout, bits);
-    }
-    convert(name, layout, &samples, is_premultiplied, options)
-}
-
-/// Returns the 8-bit codes of grey samples of 1, 2 or 4 bits, whose rows begin with a byte.
-fn unpacked(packed: &[u8], layout: SampleGrid, bits: u8) -> Vec<u8> {
-    let (bits, width) = (usize::from(bits.max(1)), layout.width);
-    let most = (1u16 << bits) - 1;
-    let code = |row: &[u8], x: usize| {
-        let at = x * bits;
-        let byte = u16::from(row.get(at / 8).copied().unwrap_or(0));
-        // At most 255.
-        ((byte >> (8 - bits - at % 8) & most) * 255 / most) as u8
-    };
-    packed.chunks((width * bits).div_ceil(8).max(1)).flat_map(|row| (0..width).map(move |x| code(row, x))).collect()
+    let aspect = pixel_aspect(&mut decoder);
+    let ReadSamples { layout, values, is_premultiplied } = tiff_samples::read(name, bytes)?;
+    let mut decoded = convert(name, layout, &values, is_premultiplied, options)?;
+    decoded.warnings.extend(aspect.and_then(aspect_warning));
+    Ok(decoded)
 }
 
 /// Returns the linear light of the samples; `is_premultiplied` as far as the file states.
@@ -233,24 +177,36 @@ pub(super) fn size(name: &Path, file: impl Read + Seek) -> Result<[u32; 2], IoEr
     Ok([width, height])
 }
 
-fn explain(name: &Path, error: &TiffError) -> IoError {
+pub(super) fn explain(name: &Path, error: &TiffError) -> IoError {
     match error {
         TiffError::UnsupportedError(_) => IoError::unsupported(name, format!("TIFF: {error}; export it as RGB with Deflate compression")),
         _ => IoError::invalid(name, format!("TIFF: {error}; the file is damaged or cut short, copy or export it again")),
     }
 }
 
+/// DNG 1.7, "DNGVersion".
+const DNG_VERSION: u16 = 50706;
+
+/// Refuses DNG, of which the library does not read even the tags.
+fn refuse_dng(name: &Path, bytes: &[u8]) -> Result<(), IoError> {
+    let is_dng = Tags::new(bytes).and_then(|tags| tags.first()).is_some_and(|ifd| ifd.has(DNG_VERSION));
+    if is_dng { Err(raw(name)) } else { Ok(()) }
+}
+
+fn raw(name: &Path) -> IoError {
+    IoError::unsupported(
+        name,
+        "TIFF: a camera RAW file, whose first image is a thumbnail or a mosaic; prepare the photographs (DNG), or develop it to OpenEXR or \
+         16-bit TIFF",
+    )
+}
+
 fn refuse_raw<R: Read + Seek>(name: &Path, decoder: &mut Decoder<R>) -> Result<(), IoError> {
-    /// DNG 1.7, "DNGVersion".
-    const DNG_VERSION: Tag = Tag::Unknown(50706);
-    let is_dng = decoder.find_tag(DNG_VERSION).map_err(|error| explain(name, &error))?.is_some();
+    let is_dng = decoder.find_tag(Tag::Unknown(DNG_VERSION)).map_err(|error| explain(name, &error))?.is_some();
     // Bit 0 of NewSubfileType: a reduced version of another image in the file (TIFF 6.0, page 36).
     let kind: Option<u32> = decoder.find_tag_unsigned(Tag::NewSubfileType).map_err(|error| explain(name, &error))?;
     if is_dng || kind.is_some_and(|bits| bits & 1 != 0) {
-        return Err(IoError::unsupported(
-            name,
-            "TIFF: a camera RAW file, whose first image is a thumbnail; develop it to OpenEXR or 16-bit TIFF",
-        ));
+        return Err(raw(name));
     }
     Ok(())
 }

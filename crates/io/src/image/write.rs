@@ -16,6 +16,7 @@ use luxel_core::environment::Projection;
 use luxel_core::{Camera, ColorSpace, Image};
 
 use super::exr_header::sort_attributes;
+use super::interop_id;
 use crate::{IoError, write_atomically};
 
 /// Precision of a written OpenEXR file.
@@ -48,7 +49,7 @@ impl ExrSample {
 pub struct ExrOptions {
     /// Precision.
     pub sample: ExrSample,
-    /// Space of the pixels; its chromaticities are written.
+    /// Space of the pixels; its chromaticities are written, and its name as `colorInteropID`.
     pub color_space: ColorSpace,
     /// Further string attributes: name and value.
     pub attributes: Vec<(String, String)>,
@@ -164,6 +165,9 @@ pub(super) fn attributes(name: &Path, options: &ExrOptions) -> Result<LayerAttri
     for (name, value) in &options.numbers {
         attributes.other.insert(key(name)?, AttributeValue::F32(*value));
     }
+    // The newer of two statements of the space: programs take another one where it is absent.
+    let space = Text::new_or_none(interop_id::name(options.color_space)).ok_or_else(wrong)?;
+    attributes.other.insert(Text::from(interop_id::ATTRIBUTE), AttributeValue::Text(space));
     attributes.frames_per_second = options.frames_per_second.and_then(|rate| Some((i32::try_from(rate).ok()?, 1)));
     attributes.environment_map = options.environment.map(|projection| match projection {
         Projection::LatitudeLongitude => EnvironmentMap::LatitudeLongitude,

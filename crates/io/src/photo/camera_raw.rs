@@ -76,7 +76,16 @@ pub(super) fn info(name: &Path, bytes: &[u8]) -> Result<PhotoInfo, IoError> {
     let Area { width, height, .. } = area(name, &image)?;
     let exif = exif(&file.metadata()?, exif_of_file(bytes));
     let size_px = [width as u32, height as u32];
-    Ok(PhotoInfo { kind: PhotoKind::Raw, size_px, exif, raw: Some(raw_info(&image)), profile: None, primaries: None })
+    Ok(PhotoInfo {
+        kind: PhotoKind::Raw,
+        size_px,
+        exif,
+        raw: Some(raw_info(&image)),
+        profile: None,
+        primaries: None,
+        curve: None,
+        has_gain_map: false,
+    })
 }
 
 /// Reads the samples.

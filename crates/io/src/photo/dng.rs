@@ -313,6 +313,9 @@ impl<'a> Dng<'a> {
             UNCOMPRESSED => unpack(bytes, row, rows, chunk.bits, self.tags.is_big_endian())
                 .ok_or_else(|| self.invalid(format_args!("tile {i} is cut short"))),
             LOSSLESS_JPEG => {
+                if let Some(bits) = lossless_jpeg::dct_precision(bytes) {
+                    return Err(self.unsupported(format_args!("tiles of lossy JPEG (DCT) of {bits} bits, as compressed CinemaDNG has")));
+                }
                 let decoded = lossless_jpeg::decode(bytes, row * chunk.height).map_err(|e| self.invalid(format_args!("tile {i}: {e}")))?;
                 if decoded.row != row || decoded.rows < rows {
                     return Err(self.invalid(format_args!("tile {i}: {} x {} samples, expected {row} x {rows}", decoded.row, decoded.rows)));

@@ -47,6 +47,11 @@ impl Dng<'_> {
             (50940, "tone curve of its profile"),
             (tag::AS_SHOT_WHITE_XY, "as-shot white as xy"),
         ];
+        if let Some([across, down]) = self.image.numbers(tag::DEFAULT_SCALE).as_deref()
+            && (across / down - 1.0).abs() > 1e-3
+        {
+            out.push(format!("default scale of its pixels, {across:.3} by {down:.3}: they are not square and are read as if they were"));
+        }
         out.extend(named.iter().filter(|(tag, _)| has(*tag)).map(|(_, what)| (*what).to_owned()));
         let any_but = |tag: u16, neutral: &dyn Fn(usize) -> f64| {
             let numbers = self.first.numbers(tag).or_else(|| self.image.numbers(tag)).unwrap_or_default();

@@ -28,6 +28,7 @@ pub(super) const BLACK: u16 = 50714;
 pub(super) const BLACK_DELTA_H: u16 = 50715;
 pub(super) const BLACK_DELTA_V: u16 = 50716;
 pub(super) const WHITE: u16 = 50717;
+pub(super) const DEFAULT_SCALE: u16 = 50718;
 pub(super) const CROP_ORIGIN: u16 = 50719;
 pub(super) const CROP_SIZE: u16 = 50720;
 pub(super) const COLOR_MATRIX: [u16; 2] = [50721, 50722];

@@ -35,6 +35,21 @@ struct Scan {
     point_transform: u32,
 }
 
+/// Returns the bits of a picture that is compressed by DCT, which lossless JPEG is not.
+pub(super) fn dct_precision(bytes: &[u8]) -> Option<u8> {
+    let mut rest = bytes.strip_prefix(&[0xff, 0xd8])?;
+    loop {
+        let [0xff, marker, high, low] = *rest.first_chunk::<4>()? else { return None };
+        let segment = rest.get(4..)?;
+        match marker {
+            0xc0..=0xc2 => return segment.first().copied(),
+            0xc3 | 0xda => return None,
+            0xff => rest = rest.get(1..)?,
+            _ => rest = rest.get(usize::from(u16::from_be_bytes([high, low])) + 2..)?,
+        }
+    }
+}
+
 /// Decodes a tile of at most `max_samples` samples.
 pub(super) fn decode(bytes: &[u8], max_samples: usize) -> Result<LosslessJpeg, String> {
     let mut rest = bytes.strip_prefix(&[0xff, 0xd8]).ok_or("no start-of-image marker")?;
@@ -380,6 +395,7 @@ pub(super) mod tests {
         assert!(decode(&whole, 199).unwrap_err().contains("expected at most 199"));
         let mut baseline = whole;
         baseline[3] = 0xc0;
+        assert_eq!((dct_precision(&baseline), dct_precision(&encode(&samples(200), 10, 2, 1))), (Some(16), None));
         assert!(decode(&baseline, 1000).unwrap_err().contains("not lossless"));
     }
 }

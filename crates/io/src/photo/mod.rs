@@ -1,5 +1,6 @@
 //! Photographs: samples as the camera recorded them, and the facts it wrote about them. Camera RAW
-//! as DNG, JPEG, PNG and TIFF as codes; OpenEXR, Radiance HDR and floating-point TIFF as radiance.
+//! as DNG, JPEG, PNG and TIFF as codes; OpenEXR, Radiance HDR, floating-point TIFF and pictures in high
+//! dynamic range (PNG in PQ or HLG, JPEG with a gain map) as radiance.
 //!
 //! In: bytes. Out: [`PhotoInfo`] from headers alone, [`Photo`] with pixels. Codes are as stored,
 //! not linear: what curve they have is for the caller to know or to find. Orientation tags are not
@@ -33,7 +34,9 @@ use luxel_core::photo::{Codes, PhotoInfo, PhotoKind, RawPixels};
 use crate::IoError;
 use crate::icc::profile_of_file;
 use crate::image::guard::contain;
-use crate::image::{self, DecodedImage, SampleDepth, decode_codes, decode_codes_of, image_size_of, stated_primaries};
+use crate::image::{
+    self, DecodedImage, ReadOptions, SampleDepth, decode_codes, decode_codes_of, decode_image, image_size_of, stated_primaries,
+};
 use crate::tags::Tags;
 
 /// A photograph with its pixels.
@@ -100,16 +103,35 @@ pub fn photo_info(name: &Path, bytes: &[u8]) -> Result<PhotoInfo, IoError> {
         if let Some(dng) = dng::Dng::open(name, bytes) {
             let dng = dng?;
             let (size_px, exif, raw) = (dng.size()?, dng.exif(), Some(dng.info()?));
-            return Ok(PhotoInfo { kind: PhotoKind::Raw, size_px, exif, raw, profile: None, primaries: None });
+            return Ok(PhotoInfo {
+                kind: PhotoKind::Raw,
+                size_px,
+                exif,
+                raw,
+                profile: None,
+                primaries: None,
+                curve: None,
+                has_gain_map: false,
+            });
         }
         let (size_px, kind) = (image_size_of(name, bytes)?, kind_of(name, bytes)?);
-        let (mut profile, mut primaries) = (None, None);
+        let (mut profile, mut primaries, mut curve) = (None, None, None);
         if kind == PhotoKind::Developed {
             profile = profile_of_file(bytes);
+            curve = image::stated_curve(name, bytes)?;
             let of_profile = profile.as_ref().and_then(|profile| profile.space).map(ColorSpace::chromaticities);
             primaries = stated_primaries(name, bytes, of_profile)?;
         }
-        Ok(PhotoInfo { kind, size_px, exif: exif_of_file(bytes), raw: None, profile, primaries })
+        Ok(PhotoInfo {
+            kind,
+            size_px,
+            exif: exif_of_file(bytes),
+            raw: None,
+            profile,
+            primaries,
+            curve,
+            has_gain_map: image::has_gain_map(name, bytes),
+        })
     })
 }
 
@@ -137,6 +159,9 @@ pub fn decode_photo_layer(name: &Path, bytes: &[u8], layer: Option<&str>) -> Res
         let dng = dng?;
         return contain(name, || dng.pixels()).map(Photo::Raw);
     }
+    if image::states_hdr_curve(name, bytes) {
+        return decode_image(name, bytes, &ReadOptions::default()).map(Photo::Radiance);
+    }
     if let Some((width, height, codes)) = image::jpeg_codes(name, bytes)? {
         return Ok(Photo::Developed { width, height, codes: Codes::U8(codes) });
     }
@@ -155,6 +180,9 @@ pub fn decode_photo_layer(name: &Path, bytes: &[u8], layer: Option<&str>) -> Res
 /// format.
 fn kind_of(name: &Path, bytes: &[u8]) -> Result<PhotoKind, IoError> {
     const SAMPLE_FORMAT: u16 = 339;
+    if image::states_hdr_curve(name, bytes) {
+        return Ok(PhotoKind::Radiance);
+    }
     if bytes.starts_with(&[0xff, 0xd8]) || bytes.starts_with(b"\x89PNG") {
         return Ok(PhotoKind::Developed);
     }

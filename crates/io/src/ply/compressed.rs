@@ -70,8 +70,12 @@ pub(super) fn read<R: BufRead>(source: &mut PlySource<'_, R>, header: &Header) -
     Ok(Scene {
         splats,
         radiance_scale: RadianceScale::ONE,
-        color_space: ColorSpace::LinearRec709,
-        raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() },
+        color_space: ColorSpace::DisplaySrgb,
+        raster: RasterConfig {
+            cutoffs: Cutoffs::PARITY,
+            antialias: if header.is_antialiased() { Antialias::Mip } else { Antialias::Off },
+            ..RasterConfig::default()
+        },
         edits: Vec::new(),
         world_from_local: luxel_core::Similarity::IDENTITY,
         metres_per_unit: None,

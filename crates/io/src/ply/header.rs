@@ -82,6 +82,17 @@ impl Element {
         self.properties.iter().position(|p| p.name == name)
     }
 
+    /// Returns the number that stands for white in a property of a colour: the largest of an unsigned
+    /// type, 1 of floats; `None` for other types.
+    pub(super) fn white(&self, property: &str) -> Option<f32> {
+        match self.properties.get(self.position(property)?)?.kind {
+            Kind::Scalar(Scalar::U8) => Some(255.0),
+            Kind::Scalar(Scalar::U16) => Some(65535.0),
+            Kind::Scalar(Scalar::F32 | Scalar::F64) => Some(1.0),
+            _ => None,
+        }
+    }
+
     /// Returns whether a property has 64-bit numbers.
     pub(super) fn is_double(&self, property: usize) -> bool {
         self.properties.get(property).is_some_and(|p| p.kind == Kind::Scalar(Scalar::F64))
@@ -96,7 +107,17 @@ pub(super) struct Header {
     pub(super) elements: Vec<Element>,
 }
 
+/// Comments of programs whose splats were trained with anti-aliasing, in lower case: Brush and
+/// Postshot.
+const ANTIALIASED: [&str; 2] = ["splatrendermode: mip", "antialiased 1"];
+
 impl Header {
+    /// Returns whether a comment says that the splats were trained with anti-aliasing.
+    pub(super) fn is_antialiased(&self) -> bool {
+        let words = |comment: &String| comment.to_ascii_lowercase().split_whitespace().collect::<Vec<_>>().join(" ");
+        self.comments.iter().map(words).any(|comment| ANTIALIASED.contains(&comment.as_str()))
+    }
+
     /// Reads up to and including `end_header`.
     pub(super) fn read<R: BufRead>(source: &mut PlySource<'_, R>) -> Result<Self, IoError> {
         let mut buffer = Vec::new();

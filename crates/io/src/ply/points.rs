@@ -71,7 +71,7 @@ fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<PlyCloud, IoError>
         }
         Ok(())
     })?;
-    Ok(PlyCloud { points, left_out: left_out.of_rows(element.count)? })
+    Ok(PlyCloud { points, left_out: left_out.of_rows(element.count)?.total() })
 }
 
 /// Returns the columns of red, green and blue, and the factor that brings their type to 0..=255.

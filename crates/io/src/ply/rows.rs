@@ -10,6 +10,7 @@ use crate::IoError;
 use crate::memory::check_memory;
 use crate::ply::header::{Element, Format, Header, Kind, Scalar};
 use crate::ply::source::PlySource;
+use crate::validity::LeftOut;
 
 /// Bytes read at a time.
 const BLOCK: usize = 1 << 20;
@@ -27,10 +28,10 @@ pub(super) fn seek_element<'h, R: BufRead>(source: &mut PlySource<'_, R>, header
     Err(source.invalid("header", format_args!("no element {name:?}, expected one with the property x")))
 }
 
-/// Rows that were left out, since a number in them is NaN or infinite.
+/// Rows that were left out.
 #[derive(Debug, Default)]
 pub(super) struct LeftOutRows {
-    count: u64,
+    rows: LeftOut,
     /// The first of them.
     first: Option<IoError>,
 }
@@ -40,11 +41,17 @@ impl LeftOutRows {
     ///
     /// # Errors
     /// None is left; the error describes the first.
-    pub(super) fn of_rows(self, rows: u64) -> Result<u64, IoError> {
+    pub(super) fn of_rows(self, rows: u64) -> Result<LeftOut, IoError> {
         match self.first {
-            Some(error) if self.count == rows => Err(error),
-            _ => Ok(self.count),
+            Some(error) if self.rows.total() == rows => Err(error),
+            _ => Ok(self.rows),
         }
+    }
+
+    /// Adds rows that hold no rotation; `first` describes the first of them.
+    pub(super) fn add_unturned(&mut self, rows: u64, first: Option<IoError>) {
+        self.rows.unturned += rows;
+        self.first = self.first.take().or(first);
     }
 
     /// Returns an error about the first row that was left out, if there is one.
@@ -73,7 +80,7 @@ pub(super) fn read_rows<R: BufRead>(
     let mut left_out = LeftOutRows::default();
     let mut is_finite = |source: &PlySource<'_, R>, row: u64, values: &[f32]| {
         let Some(at) = values.iter().position(|v| !v.is_finite()) else { return true };
-        left_out.count += 1;
+        left_out.rows.unfinite += 1;
         left_out.first.get_or_insert_with(|| {
             let name = &element.properties[columns[at]].name;
             let place = format!("{} {row}", element.name);

@@ -4,7 +4,7 @@
 use std::io::BufRead;
 use std::path::Path;
 
-use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, Similarity, Splats, sh};
+use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, SH_OFFSET, Scene, Similarity, Splats, sh};
 
 use crate::IoError;
 use crate::bake::{BakeRecord, Origin, WorldRecord, place};
@@ -15,13 +15,13 @@ use crate::ply::scene_writer::{EXACT_OPACITY, EXACT_SCALE, FRAME_COMMENT, GAIN, 
 use crate::ply::source::PlySource;
 use crate::ply::{COMMENT_TAG, FORMAT_VERSION, GAIN_VERSION, compressed, record};
 use crate::scene_file::SceneFile;
-use crate::validity::{is_length, is_normalizable, is_usable, left_out_line};
+use crate::validity::{LeftOut, is_length, is_normalizable, is_usable};
 
 /// Reads a scene.
 ///
 /// # Errors
 /// A missing, truncated or otherwise damaged file, no splat without a value that is NaN or
-/// infinite, a rotation of length zero, or a version of the format that is not known.
+/// infinite and with a rotation, or a version of the format that is not known.
 pub fn read_scene_ply(path: &Path) -> Result<Scene, IoError> {
     read_scene_file(path).map(|file| file.scene)
 }
@@ -50,8 +50,11 @@ struct SceneColumns {
     raw_luminance: Vec<String>,
     /// Whether the splats are flat: the last of `log_scale` is not in the file.
     is_flat: bool,
+    /// White of `sh` that are red, green and blue in place of harmonics.
+    rgb_white: Option<f32>,
 }
 
+const RGB: [&str; 3] = ["red", "green", "blue"];
 const STANDARD_SCALE: [&str; 3] = ["scale_0", "scale_1", "scale_2"];
 /// Columns of 2DGS, whose splats have two axes; the third is replaced by [`FLATNESS`].
 const FLAT_SCALE: [&str; 3] = ["scale_0", "scale_1", "scale_1"];
@@ -71,10 +74,11 @@ fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<SceneFile, IoError
     let world = comments.world().map_err(|e| e.into_error(&source))?;
     let frame = comments.local_frame().map_err(|e| e.into_error(&source))?;
     let is_exact = record.is_none() && !comments.lines.is_empty();
-    let (mut scene, layout) = if is_exact { comments.exact(element).map_err(|e| e.into_error(&source))? } else { plain(&source, element)? };
+    let (mut scene, layout) =
+        if is_exact { comments.exact(element).map_err(|e| e.into_error(&source))? } else { plain(&source, &header, element)? };
     let mut exact_positions = Vec::new();
     let left_out = read_splats(&mut source, &header, element, &layout, &mut scene.splats, &mut exact_positions)?;
-    let mut warnings = Vec::from_iter(left_out_line(left_out, element.count));
+    let mut warnings = left_out.lines(element.count);
     if layout.is_flat {
         warnings.push(format!("no property \"scale_2\": flat splats of 2DGS, read as {FLATNESS} times as thick as wide"));
     }
@@ -98,7 +102,7 @@ fn read_splats<R: BufRead>(
     layout: &SceneColumns,
     splats: &mut Splats,
     exact_positions: &mut Vec<[f64; 3]>,
-) -> Result<u64, IoError> {
+) -> Result<LeftOut, IoError> {
     let geometry = ["x", "y", "z", "rot_0", "rot_1", "rot_2", "rot_3"].into_iter().chain(layout.log_scale).chain([layout.opacity]);
     let colors = layout.sh.iter().chain(&layout.raw_luminance).map(String::as_str);
     let mut columns = Vec::new();
@@ -118,14 +122,17 @@ fn read_splats<R: BufRead>(
     splats.raw_luminance.reserve_exact(count * layout.raw_luminance.len());
     let has_more_digits = header.format == Format::Ascii || columns[..3].iter().any(|&c| element.is_double(c));
     let (path, sh_len) = (source.path, layout.sh.len());
-    let left_out = read_rows(source, element, header.format, &columns, |row, values, position| {
+    let (mut unturned, mut first_unturned) = (0, None);
+    let mut left_out = read_rows(source, element, header.format, &columns, |row, values, position| {
         let [x, y, z, qw, qx, qy, qz, s0, s1, s2, opacity, ref colors @ ..] = *values else {
             return Ok(());
         };
         let rotation = [qw, qx, qy, qz];
         if !is_normalizable(rotation) {
             let message = format!("vertex {row}: rotation rot_0..3 is {rotation:?}, expected a quaternion of length about 1");
-            return Err(IoError::invalid(path, message));
+            unturned += 1;
+            first_unturned.get_or_insert_with(|| IoError::invalid(path, message));
+            return Ok(());
         }
         splats.position.push([x, y, z]);
         if has_more_digits {
@@ -134,8 +141,11 @@ fn read_splats<R: BufRead>(
         splats.rotation.push(rotation);
         splats.log_scale.push([s0, s1, if layout.is_flat { s0.min(s1) + FLATNESS.ln() } else { s2 }]);
         splats.opacity_logit.push(opacity);
-        let (sh, rest) = colors.split_at(sh_len);
-        splats.sh.extend_from_slice(sh);
+        let (harmonics, rest) = colors.split_at(sh_len);
+        match layout.rgb_white {
+            Some(white) => splats.sh.extend(harmonics.iter().map(|v| (v / white - SH_OFFSET) / sh::C0)),
+            None => splats.sh.extend_from_slice(harmonics),
+        }
         let (raw_luminance, rest) = rest.split_at(layout.raw_luminance.len());
         splats.raw_luminance.extend_from_slice(raw_luminance);
         let (smoothing, gain) = rest.split_at(usize::from(layout.smoothing.is_some()));
@@ -149,12 +159,13 @@ fn read_splats<R: BufRead>(
         splats.gain.extend_from_slice(gain);
         Ok(())
     })?;
+    left_out.add_unturned(unturned, first_unturned);
     left_out.of_rows(element.count)
 }
 
-/// Returns a file of some other program: radiance harmonics, and the renderer they were trained
-/// with.
-fn plain<R: BufRead>(source: &PlySource<'_, R>, element: &Element) -> Result<(Scene, SceneColumns), IoError> {
+/// Returns a file of some other program: harmonics of a display's colours, and the renderer they
+/// were trained with.
+fn plain<R: BufRead>(source: &PlySource<'_, R>, header: &Header, element: &Element) -> Result<(Scene, SceneColumns), IoError> {
     if let Some(extra) = element.properties.iter().find(|p| p.name.starts_with("lcd_")) {
         let message = format!(
             "property {:?} belongs to a radiance model, but the comments \"{COMMENT_TAG} ...\" that describe it are missing: a tool dropped \
@@ -169,25 +180,28 @@ fn plain<R: BufRead>(source: &PlySource<'_, R>, element: &Element) -> Result<(Sc
         return Err(source.invalid("header", message));
     };
     let higher = sh::coefficients(degree) - 1;
-    let dc = (0..3).map(|c| format!("f_dc_{c}"));
+    let has = |name: &str| element.position(name).is_some();
+    // Without harmonics, colours as points have them.
+    let rgb_white = if degree == 0 && !has("f_dc_0") && RGB.into_iter().all(has) { element.white(RGB[0]) } else { None };
+    let dc = (0..3).map(|c| if rgb_white.is_some() { RGB[c].to_owned() } else { format!("f_dc_{c}") });
     // Channel-major in the file, coefficient-major here.
     let others = (0..higher).flat_map(|m| (0..3).map(move |c| format!("f_rest_{}", c * higher + m)));
     let smoothing = element.position("filter_3D").map(|_| "filter_3D");
-    let antialias = if smoothing.is_some() { Antialias::Mip } else { Antialias::Off };
+    let antialias = if smoothing.is_some() || header.is_antialiased() { Antialias::Mip } else { Antialias::Off };
     let scene = Scene {
         splats: Splats::empty(ColorModel::Sh { degree: degree as u8 }),
         radiance_scale: RadianceScale::ONE,
-        color_space: ColorSpace::LinearRec709,
+        color_space: ColorSpace::DisplaySrgb,
         raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias, ..RasterConfig::default() },
         edits: Vec::new(),
         world_from_local: Similarity::IDENTITY,
         metres_per_unit: None,
     };
-    let has = |name: &str| element.position(name).is_some();
     let is_flat = has("scale_0") && has("scale_1") && !has("scale_2");
     let layout = SceneColumns {
         log_scale: if is_flat { FLAT_SCALE } else { STANDARD_SCALE },
         is_flat,
+        rgb_white,
         opacity: "opacity",
         smoothing,
         gain: None,
@@ -294,7 +308,7 @@ impl<'h> Comments<'h> {
             );
             return Err(CommentError::Unsupported(message));
         }
-        let color_space = self.parse("color_space", ColorSpace::NAMES, ColorSpace::from_name)?;
+        let color_space = self.parse("color_space", ColorSpace::NAMES, ColorSpace::of_scene)?;
         let model_of = |v: &str| serde_json::from_str::<ColorModel>(v).ok().filter(|m| m.is_valid());
         let color_model = self.parse("color_model", "a colour model with degrees in range", model_of)?;
         let scale_of = |v: &str| RadianceScale::new(v.parse().ok()?);
@@ -319,6 +333,7 @@ fn exact_layout(color_model: ColorModel, element: &Element) -> SceneColumns {
     SceneColumns {
         log_scale: if has_geometry { EXACT_SCALE } else { STANDARD_SCALE },
         is_flat: false,
+        rgb_white: None,
         opacity: if has_geometry { EXACT_OPACITY } else { "opacity" },
         smoothing: is_smoothed.then_some("lcd_filter"),
         gain: has(GAIN).then_some(GAIN),

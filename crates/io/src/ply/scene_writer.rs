@@ -49,7 +49,7 @@ enum Layer<'a> {
 
 impl Layer<'_> {
     fn preview(scene: &Scene) -> Self {
-        Self::Streamed(Box::new(Bake::new(scene, &BakeOptions { appearance: Appearance::PREVIEW, max_degree: 3 })))
+        Self::Streamed(Box::new(Bake::new(scene, &BakeOptions { appearance: Appearance::preview_of(scene.color_space), max_degree: 3 })))
     }
 
     /// Returns the number of coefficients K.

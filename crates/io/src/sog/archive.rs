@@ -3,12 +3,12 @@
 use crc::{CRC_32_ISO_HDLC, Crc};
 
 /// Checksum of ZIP.
-static CRC: Crc<u32, crc::Table<16>> = Crc::<u32, crc::Table<16>>::new(&CRC_32_ISO_HDLC);
+pub(super) static CRC: Crc<u32, crc::Table<16>> = Crc::<u32, crc::Table<16>>::new(&CRC_32_ISO_HDLC);
 
 /// First bytes of headers, of the directory's entries, and of its end.
-const LOCAL: u32 = 0x0403_4b50;
-const ENTRY: u32 = 0x0201_4b50;
-const END: u32 = 0x0605_4b50;
+pub(super) const LOCAL: u32 = 0x0403_4b50;
+pub(super) const ENTRY: u32 = 0x0201_4b50;
+pub(super) const END: u32 = 0x0605_4b50;
 /// Version of ZIP that is needed: 1.0, without compression.
 const VERSION: u16 = 10;
 /// 1 January 1980, so that equal scenes make equal files.

@@ -15,8 +15,12 @@
 mod archive;
 mod codebook;
 mod palette;
+mod reader;
+mod unpacked;
 mod writer;
 
+pub(crate) use reader::{decode, is_sog};
+pub use reader::{decode_sog, read_sog};
 pub use writer::{encode_sog, sog_positions, write_sog};
 
 #[cfg(test)]

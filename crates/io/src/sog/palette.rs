@@ -18,6 +18,10 @@ const SPLATS_PER_ROW: usize = 8;
 const GROUPS: usize = 128;
 /// Steps of k-means.
 const STEPS: usize = 8;
+/// Members of a group that its centre is the mean of; more change it little.
+const MEMBERS_PER_CENTER: usize = 8;
+/// Centres that a row is compared with at a time.
+const LANES: usize = 16;
 
 /// The golden ratio's fraction, in units of 2^-32.
 const GOLDEN: u64 = 2_654_435_769;
@@ -57,41 +61,24 @@ impl Palette {
 }
 
 /// Divides some of the rows into `count` groups. Returns the centres, and the group of each member.
+/// Centres are found on a part of the members, as many for each as make it a mean.
 fn divide(rows: &[f32], width: usize, members: &[usize], count: usize) -> (Vec<f32>, Vec<usize>) {
     if count == 0 {
         return (Vec::new(), Vec::new());
     }
     let row = |member: usize| &rows[member * width..][..width];
     // Multiples of the golden ratio fall in step with no pattern of the rows.
-    let start = |n: usize| {
+    let start = |n: usize, of: usize| {
         let share = (n as u64).wrapping_mul(GOLDEN) % (1 << 32);
-        ((share * members.len() as u64) >> 32) as usize
+        ((share * of as u64) >> 32) as usize
     };
-    let mut centers: Vec<f32> = (0..count).flat_map(|n| row(members[start(n)])).copied().collect();
-    let mut groups = Vec::new();
-    for step in 0..=STEPS {
-        // The nearest has the largest product with the centre, less half the centre's square.
-        let halves: Vec<f32> = centers.chunks_exact(width).map(|center| 0.5 * dot(center, center)).collect();
-        groups = members
-            .par_iter()
-            .with_min_len(256)
-            .map(|member| {
-                let row = row(*member);
-                let mut best = (0, f32::NEG_INFINITY);
-                for (n, (center, half)) in centers.chunks_exact(width).zip(&halves).enumerate() {
-                    let value = dot(row, center) - half;
-                    if value > best.1 {
-                        best = (n, value);
-                    }
-                }
-                best.0
-            })
-            .collect();
-        if step == STEPS {
-            break;
-        }
+    let mut centers: Vec<f32> = (0..count).flat_map(|n| row(members[start(n, members.len())])).copied().collect();
+    let step = (members.len() / (count * MEMBERS_PER_CENTER)).max(1);
+    let sample: Vec<usize> = members.iter().copied().step_by(step).collect();
+    for _ in 0..STEPS {
+        let groups = nearest(rows, &Centers::new(&centers, width), &sample);
         let (mut sums, mut counts) = (vec![0.0f64; count * width], vec![0u32; count]);
-        for (member, group) in members.iter().zip(&groups) {
+        for (member, group) in sample.iter().zip(&groups) {
             counts[*group] += 1;
             sums[group * width..][..width].iter_mut().zip(row(*member)).for_each(|(sum, value)| *sum += f64::from(*value));
         }
@@ -101,16 +88,52 @@ fn divide(rows: &[f32], width: usize, members: &[usize], count: usize) -> (Vec<f
             }
         }
     }
+    let groups = nearest(rows, &Centers::new(&centers, width), members);
     (centers, groups)
 }
 
-/// Returns the product of two rows, in eight sums, which run at the same time.
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let (heads, tail_a) = a.as_chunks::<8>();
-    let (others, tail_b) = b.as_chunks::<8>();
-    let mut sums = [0.0f32; 8];
-    for (a, b) in heads.iter().zip(others) {
-        sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
+/// Returns the number of the centre that is nearest to each member.
+fn nearest(rows: &[f32], centers: &Centers, members: &[usize]) -> Vec<usize> {
+    let row = |member: usize| &rows[member * centers.width..][..centers.width];
+    members.par_iter().with_min_len(256).map(|member| centers.nearest(row(*member))).collect()
+}
+
+/// Centres side by side, so that a row is compared with [`LANES`] of them at a time.
+struct Centers {
+    width: usize,
+    /// `[blocks, width, LANES]`.
+    values: Vec<[f32; LANES]>,
+    /// Half the square of each centre, `[blocks, LANES]`; infinite where there is none.
+    halves: Vec<[f32; LANES]>,
+}
+
+impl Centers {
+    fn new(centers: &[f32], width: usize) -> Self {
+        let blocks = (centers.len() / width).div_ceil(LANES);
+        let (mut values, mut halves) = (vec![[0.0; LANES]; blocks * width], vec![[f32::INFINITY; LANES]; blocks]);
+        for (n, center) in centers.chunks_exact(width).enumerate() {
+            let (block, lane) = (n / LANES, n % LANES);
+            halves[block][lane] = 0.5 * center.iter().map(|v| v * v).sum::<f32>();
+            values[block * width..][..width].iter_mut().zip(center).for_each(|(lanes, value)| lanes[lane] = *value);
+        }
+        Self { width, values, halves }
     }
-    sums.iter().sum::<f32>() + tail_a.iter().zip(tail_b).map(|(a, b)| a * b).sum::<f32>()
+
+    /// Returns the number of the nearest: that with the largest product with the row, less half the
+    /// centre's square; of equal ones the first.
+    fn nearest(&self, row: &[f32]) -> usize {
+        let mut best = (0, f32::NEG_INFINITY);
+        for (block, (values, halves)) in self.values.chunks_exact(self.width).zip(&self.halves).enumerate() {
+            let mut sums = halves.map(|half| -half);
+            for (value, lanes) in row.iter().zip(values) {
+                sums.iter_mut().zip(lanes).for_each(|(sum, lane)| *sum += value * lane);
+            }
+            for (lane, sum) in sums.into_iter().enumerate() {
+                if sum > best.1 {
+                    best = (block * LANES + lane, sum);
+                }
+            }
+        }
+        best.0
+    }
 }

@@ -87,6 +87,51 @@ fn splats_come_back_within_the_steps_of_the_format() {
 }
 
 #[test]
+fn a_written_file_is_read_as_the_display_bake_that_it_holds() {
+    for degree in [0, 2, 3] {
+        let baked = baked(300, degree);
+        let bytes = encode_sog(Path::new("a.sog"), &baked).unwrap();
+        let back = decode_sog(Path::new("a.sog"), &bytes).unwrap();
+        assert_eq!((back.color_space, back.raster), (luxel_core::ColorSpace::DisplaySrgb, baked.scene.raster));
+        let splats = baked.scene.splats.select(luxel_core::spatial_order(&baked.scene.splats.position));
+        assert_eq!((back.splats.len(), back.splats.color_model), (splats.len(), splats.color_model));
+        let mut errors = 0.0;
+        for i in 0..splats.len() {
+            assert!((0..3).all(|c| (back.splats.position[i][c] - splats.position[i][c]).abs() < 2e-3), "splat {i}");
+            let direction = [0.6, -0.8, 0.0];
+            let (found, expected) = (back.splats.radiance(i, direction), splats.radiance(i, direction));
+            errors += (0..3).map(|c| (found[c] - expected[c]).abs()).sum::<f32>() / (3 * splats.len()) as f32;
+            assert!((sigmoid(back.splats.opacity_logit[i]) - sigmoid(splats.opacity_logit[i])).abs() < 0.003);
+        }
+        // A step of 8 bits, but for harmonics that share a palette's row with seven others.
+        assert!(errors < if degree == 0 { 0.004 } else { 0.03 }, "{degree}: {errors}");
+    }
+}
+
+#[test]
+fn damaged_files_are_errors() {
+    let bytes = encode_sog(Path::new("a.sog"), &baked(40, 1)).unwrap();
+    let error = |bytes: &[u8]| decode_sog(Path::new("a.sog"), bytes).unwrap_err().message;
+    assert!(error(&bytes[..bytes.len() - 1]).contains("no directory"));
+    let changed = |from: &[u8], to: &[u8]| {
+        let at = bytes.windows(from.len()).position(|part| part == from).unwrap();
+        [&bytes[..at], to, &bytes[at + from.len()..]].concat()
+    };
+    assert!(error(&changed(b"\"count\":40", b"\"count\":41")).contains("checksum"));
+    let archive_of = |meta: &str| archive::archive(&[archive::File { name: "meta.json", bytes: meta.into() }]).unwrap();
+    assert!(error(&archive_of("{\"version\": 2}")).contains("no \"count\""));
+    assert!(error(&archive_of("{\"version\": 3, \"count\": 1}")).contains("SOG version 3"));
+    assert!(error(&archive_of("{")).contains("meta.json"));
+    let means = "{\"version\": 2, \"count\": 1, \"means\": {\"mins\": [0,0,0], \"maxs\": [1,1,1], \"files\": [\"a\", \"b\"]}, \"scales\": \
+                 {\"codebook\": [], \"files\": [\"c\"]}, \"quats\": {\"files\": [\"d\"]}, \"sh0\": {\"codebook\": [], \"files\": [\"e\"]}}";
+    assert!(error(&archive_of(means)).contains("no file \"a\""));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.sog");
+    std::fs::write(&path, &bytes).unwrap();
+    assert_eq!(crate::read_scene_file(&path).unwrap().scene.splats.len(), 40);
+}
+
+#[test]
 fn linear_bakes_and_empty_scenes_are_refused() {
     let mut baked = baked(3, 0);
     let meta = files(&encode_sog(Path::new("a.sog"), &baked).unwrap())[0].1.clone();

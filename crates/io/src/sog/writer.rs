@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use image_webp::{ColorType, WebPEncoder};
-use luxel_core::{Splats, sigmoid, spatial_order};
+use luxel_core::{Antialias, Splats, sigmoid, spatial_order};
 use rayon::prelude::*;
 use serde_json::json;
 
@@ -15,15 +15,15 @@ use crate::spz::SpzPositions;
 use crate::{IoError, write_atomically};
 
 /// Version of the format.
-const VERSION: u32 = 2;
+pub(super) const VERSION: u32 = 2;
 /// Steps between the bounds of a coordinate.
-const STEPS: f32 = 65535.0;
+pub(super) const STEPS: f32 = 65535.0;
 /// Longest side of a WebP picture, pixels.
 const MAX_SIDE: usize = 16383;
 /// Palette rows side by side in their picture.
-const PALETTE_ACROSS: usize = 64;
+pub(super) const PALETTE_ACROSS: usize = 64;
 /// Alpha of rotations whose largest number is w.
-const LARGEST_IS_W: u8 = 252;
+pub(super) const LARGEST_IS_W: u8 = 252;
 
 /// Writes a display bake, whole or not at all.
 ///
@@ -82,7 +82,7 @@ pub fn encode_sog(name: &Path, baked: &Baked) -> Result<Vec<u8>, IoError> {
     if width > MAX_SIDE || height > MAX_SIDE {
         return Err(IoError::unsupported(name, format!("{} splats, of which SOG's pictures hold {}", splats.len(), MAX_SIDE * MAX_SIDE)));
     }
-    let (pictures, meta) = pictures(&splats, [width, height]);
+    let (pictures, meta) = pictures(&splats, baked.scene.raster.antialias == Antialias::Mip, [width, height]);
     let encoded = pictures.into_par_iter().map(|picture| picture.encoded().map(|bytes| File { name: picture.name, bytes }));
     let mut files: Vec<File> = encoded
         .collect::<Result<_, image_webp::EncodingError>>()
@@ -126,7 +126,7 @@ impl Picture {
 }
 
 /// Returns the pictures, and what describes them.
-fn pictures(splats: &Splats, size_px: [usize; 2]) -> (Vec<Picture>, serde_json::Value) {
+fn pictures(splats: &Splats, is_antialiased: bool, size_px: [usize; 2]) -> (Vec<Picture>, serde_json::Value) {
     let places: Vec<[f32; 3]> = splats.position.iter().map(|p| p.map(logarithm)).collect();
     let (mins, maxs) = bounds(places.iter().copied());
     let steps = |p: &[f32; 3]| {
@@ -162,6 +162,9 @@ fn pictures(splats: &Splats, size_px: [usize; 2]) -> (Vec<Picture>, serde_json::
         "quats": { "files": ["quats.webp"] },
         "sh0": { "codebook": constants.0, "files": ["sh0.webp"] },
     });
+    if is_antialiased {
+        meta["antialias"] = true.into();
+    }
     let bands = splats.color_model.sh_degree();
     if bands > 0 {
         let rest: Vec<f32> = splats.sh.chunks_exact(stride).flat_map(|sh| sh[3..].iter().copied()).collect();

@@ -1,12 +1,19 @@
 //! The numbers of SPZ: conversion from bytes and to bytes.
 
 use glam::{DMat3, DVec3};
-use luxel_core::{Similarity, sh};
+use luxel_core::{Similarity, Splats, sh};
 
 /// "NGSP".
 pub(super) const MAGIC: u32 = 0x5053_474e;
 /// Flag: trained with anti-aliasing (Mip-splatting).
 pub(super) const FLAG_ANTIALIASED: u8 = 1;
+/// Flag: records of vendors between the header and the table of streams, in versions before 4 behind
+/// the blocks.
+pub(super) const FLAG_EXTENSIONS: u8 = 2;
+/// Record of the axes, `SPZ_ADOBE_coordinate_system`: a u32 of the numbers of [`FileAxes`].
+pub(super) const AXES_EXTENSION: u32 = 0xadbe_0003;
+/// Right, up, back, of those numbers.
+pub(super) const RIGHT_UP_BACK: u32 = 4;
 /// Bytes of the header inside of the gzip stream.
 pub(super) const LEGACY_HEADER: usize = 16;
 /// Bytes of version 4's header.
@@ -20,6 +27,54 @@ const ROTATION_STEPS: f32 = 511.0;
 /// inverse.
 pub(super) fn axes() -> Similarity {
     Similarity::turn(DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0))).unwrap_or(Similarity::IDENTITY)
+}
+
+/// The axes of a file: the directions of x, y and z.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct FileAxes([char; 3]);
+
+impl FileAxes {
+    /// The format's convention.
+    pub(super) const RIGHT_UP_BACK: Self = Self(['R', 'U', 'B']);
+
+    /// Returns the axes of a number of the extension: x to the left or right, y down or up, z back or
+    /// forward; from 9 on y and z exchanged.
+    pub(super) fn from_code(code: u32) -> Option<Self> {
+        let at = code.checked_sub(1).filter(|at| *at < 16)?;
+        let pick = |bit: u32, names: [char; 2]| if at >> bit & 1 == 1 { names[1] } else { names[0] };
+        Some(Self(match at < 8 {
+            true => [pick(0, ['L', 'R']), pick(1, ['D', 'U']), pick(2, ['B', 'F'])],
+            false => [pick(0, ['L', 'R']), pick(2, ['F', 'B']), pick(1, ['D', 'U'])],
+        }))
+    }
+
+    /// Takes splats to right, down, forward. Axes of a left hand are a turn and the inversion of all
+    /// three, in which harmonics of odd degree change their sign.
+    pub(super) fn apply(self, splats: &mut Splats) {
+        let direction = |axis: char| match axis {
+            'R' => DVec3::X,
+            'L' => DVec3::NEG_X,
+            'D' => DVec3::Y,
+            'U' => DVec3::NEG_Y,
+            'F' => DVec3::Z,
+            _ => DVec3::NEG_Z,
+        };
+        let [x, y, z] = self.0.map(direction);
+        let matrix = DMat3::from_cols(x, y, z);
+        let is_mirrored = matrix.determinant() < 0.0;
+        let turn = if is_mirrored { -1.0 * matrix } else { matrix };
+        Similarity::turn(turn).unwrap_or(Similarity::IDENTITY).apply(splats);
+        if is_mirrored {
+            splats.position.iter_mut().for_each(|position| *position = position.map(|v| -v));
+            let stride = 3 * splats.color_model.sh_coefficients();
+            for (i, value) in splats.sh.iter_mut().enumerate() {
+                // The coefficients of degree l are those from l squared on.
+                if (i % stride / 3).isqrt() % 2 == 1 {
+                    *value = -*value;
+                }
+            }
+        }
+    }
 }
 
 /// Returns the bytes per splat of each block, in the file's order: positions, opacities, colours,

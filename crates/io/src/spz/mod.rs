@@ -8,7 +8,8 @@
 //! harmonics u8, (v - 128) / 128, coefficient-major. Axes are right, up, back; those of 3D Gaussian
 //! splatting's PLY are right, down, forward, and scenes are read into and written from these.
 //!
-//! Vendors' extension records are skipped when reading, none are written.
+//! Of vendors' extension records that of the axes (`SPZ_ADOBE_coordinate_system`) is read, and written
+//! in version 4, since programs differ about the convention; others are skipped.
 //!
 //! A display bake only: colours end at -0.44 and 1.44, harmonics at +-1, opacities have 255 steps.
 //! Source: the format's own description and reference implementation, version 4 of 2026.
@@ -17,6 +18,7 @@ mod layout;
 mod reader;
 mod writer;
 
+pub(crate) use reader::read_scene_file;
 pub use reader::{decode_spz, read_spz};
 pub use writer::{SpzPositions, SpzVersion, encode_spz, spz_out_of_range, spz_positions, write_spz};
 

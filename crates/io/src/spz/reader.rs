@@ -7,13 +7,14 @@ use flate2::read::GzDecoder;
 use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, Similarity, Splats, logit};
 
 use super::layout::{
-    FLAG_ANTIALIASED, HEADER, LEGACY_HEADER, MAGIC, axes, block_bytes, unpack_color, unpack_coordinate, unpack_harmonic, unpack_log_scale,
-    unpack_opacity, unpack_rotation_first_three, unpack_rotation_smallest_three,
+    AXES_EXTENSION, FLAG_ANTIALIASED, FLAG_EXTENSIONS, FileAxes, HEADER, LEGACY_HEADER, MAGIC, block_bytes, unpack_color,
+    unpack_coordinate, unpack_harmonic, unpack_log_scale, unpack_opacity, unpack_rotation_first_three, unpack_rotation_smallest_three,
 };
 use crate::IoError;
 use crate::local_frame::settled;
 use crate::memory::check_memory;
 use crate::read_file::read_file;
+use crate::scene_file::SceneFile;
 
 /// Bytes of splats that any file may claim, however short.
 const FREE_BYTES: u64 = 64 << 20;
@@ -22,12 +23,20 @@ const FREE_BYTES: u64 = 64 << 20;
 /// what they take, equal ones to a hundredth.
 const MAX_RATIO: u64 = 64;
 
+/// Most bytes of vendors' records that are looked at behind the blocks of versions 2 and 3.
+const MOST_EXTENSIONS: u64 = 1 << 16;
+
 /// Reads a scene. Its axes become those of 3D Gaussian splatting's PLY.
 ///
 /// # Errors
 /// A missing, truncated or otherwise damaged file, or a version other than 2 to 4.
 pub fn read_spz(path: &Path) -> Result<Scene, IoError> {
-    decode_spz(path, &read_file(path)?)
+    read_scene_file(path).map(|file| file.scene)
+}
+
+/// Reads a scene with its warnings.
+pub(crate) fn read_scene_file(path: &Path) -> Result<SceneFile, IoError> {
+    decode(path, &read_file(path)?)
 }
 
 /// Decodes a file's bytes as [`read_spz`] does; `name` is for errors.
@@ -35,20 +44,62 @@ pub fn read_spz(path: &Path) -> Result<Scene, IoError> {
 /// # Errors
 /// The same as [`read_spz`].
 pub fn decode_spz(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
-    let (head, blocks) = if bytes.starts_with(&MAGIC.to_le_bytes()) { zstd_blocks(name, bytes)? } else { gzip_blocks(name, bytes)? };
+    decode(name, bytes).map(|file| file.scene)
+}
+
+fn decode(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
+    let Content { head, blocks, extensions } =
+        if bytes.starts_with(&MAGIC.to_le_bytes()) { zstd_blocks(name, bytes)? } else { gzip_blocks(name, bytes)? };
+    let mut warnings = Vec::new();
+    let axes = match stated_axes(&extensions) {
+        Some(code) => FileAxes::from_code(code).ok_or_else(|| {
+            let message = format!("extension SPZ_ADOBE_coordinate_system states axes {code}, expected 1 to 16; export it again");
+            IoError::unsupported(name, message)
+        })?,
+        None => {
+            warnings.push(UNSTATED_AXES.to_owned());
+            FileAxes::RIGHT_UP_BACK
+        }
+    };
     let mut splats = splats(&head, &blocks);
-    axes().apply(&mut splats);
+    axes.apply(&mut splats);
     let antialias = if head.flags & FLAG_ANTIALIASED == 0 { Antialias::Off } else { Antialias::Mip };
     let scene = Scene {
         splats,
         radiance_scale: RadianceScale::ONE,
-        color_space: ColorSpace::LinearRec709,
+        color_space: ColorSpace::DisplaySrgb,
         raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias, ..RasterConfig::default() },
         edits: Vec::new(),
         world_from_local: Similarity::IDENTITY,
         metres_per_unit: None,
     };
-    Ok(settled(scene, None))
+    Ok(SceneFile { scene: settled(scene, None), warnings })
+}
+
+/// The warning about a file that leaves its axes to convention.
+const UNSTATED_AXES: &str = "the file does not state its axes: read as right, up, back, which is the format's convention; if the scene is \
+                             upside down, its program kept a PLY's axes, and half a turn about x makes it right";
+
+/// What a file holds.
+struct Content {
+    head: Head,
+    blocks: Vec<Vec<u8>>,
+    /// Records of vendors, one after another.
+    extensions: Vec<u8>,
+}
+
+/// Returns the axes that a record of the extensions states; those that say nothing count as none.
+fn stated_axes(extensions: &[u8]) -> Option<u32> {
+    let mut rest = extensions;
+    while let Some((head, after)) = rest.split_first_chunk::<8>() {
+        let [kind, length] = [0, 1].map(|i| u32::from_le_bytes(head.as_chunks::<4>().0[i]));
+        let (payload, after) = after.split_at_checked(length as usize)?;
+        if kind == AXES_EXTENSION {
+            return payload.first_chunk().map(|code| u32::from_le_bytes(*code)).filter(|code| *code != 0);
+        }
+        rest = after;
+    }
+    None
 }
 
 /// The header ahead of the blocks.
@@ -109,7 +160,7 @@ fn truncated(name: &Path, expected: u64, found: usize) -> IoError {
 }
 
 /// Reads the blocks of versions 2 and 3.
-fn gzip_blocks(name: &Path, bytes: &[u8]) -> Result<(Head, Vec<Vec<u8>>), IoError> {
+fn gzip_blocks(name: &Path, bytes: &[u8]) -> Result<Content, IoError> {
     let damaged = |e: std::io::Error| IoError::invalid(name, format_args!("gzip: {e}; the file is damaged or cut short"));
     let mut decoder = GzDecoder::new(bytes);
     let mut start = Vec::new();
@@ -129,13 +180,17 @@ fn gzip_blocks(name: &Path, bytes: &[u8]) -> Result<(Head, Vec<Vec<u8>>), IoErro
         }
         blocks.push(block);
     }
+    let mut extensions = Vec::new();
+    if head.flags & FLAG_EXTENSIONS != 0 {
+        decoder.by_ref().take(MOST_EXTENSIONS).read_to_end(&mut extensions).map_err(damaged)?;
+    }
     // Only the end of the stream has the checksum and the length, which the decoder compares.
     std::io::copy(&mut decoder, &mut std::io::sink()).map_err(damaged)?;
-    Ok((head, blocks))
+    Ok(Content { head, blocks, extensions })
 }
 
 /// Reads the blocks of version 4.
-fn zstd_blocks(name: &Path, bytes: &[u8]) -> Result<(Head, Vec<Vec<u8>>), IoError> {
+fn zstd_blocks(name: &Path, bytes: &[u8]) -> Result<Content, IoError> {
     let head = Head::parse(name, bytes)?;
     let invalid = |message: String| IoError::invalid(name, format_args!("header: {message}"));
     if head.version < 4 {
@@ -151,6 +206,7 @@ fn zstd_blocks(name: &Path, bytes: &[u8]) -> Result<(Head, Vec<Vec<u8>>), IoErro
     let Some(table) = table.filter(|_| table_at >= HEADER) else {
         return Err(invalid(format!("table of streams at byte {table_at} of {}, expected it from {HEADER} on", bytes.len())));
     };
+    let extensions = if head.flags & FLAG_EXTENSIONS == 0 { Vec::new() } else { bytes.get(HEADER..table_at).unwrap_or_default().to_vec() };
     let mut rest = &bytes[table_at + table.len()..];
     let mut entries = table.chunks_exact(8).map(|b| b.try_into().map_or(0, u64::from_le_bytes));
     let mut blocks = Vec::with_capacity(6);
@@ -169,7 +225,7 @@ fn zstd_blocks(name: &Path, bytes: &[u8]) -> Result<(Head, Vec<Vec<u8>>), IoErro
         rest = after;
         blocks.push(decompress(name, stream, size)?);
     }
-    Ok((head, blocks))
+    Ok(Content { head, blocks, extensions })
 }
 
 fn decompress(name: &Path, stream: &[u8], size: u64) -> Result<Vec<u8>, IoError> {

@@ -195,3 +195,52 @@ proptest! {
         }
     }
 }
+
+/// Returns a file whose extension states other axes, with the same numbers; `None` leaves it out.
+fn with_axes(bytes: &[u8], code: Option<u32>) -> Vec<u8> {
+    let mut changed = bytes.to_vec();
+    match code {
+        Some(code) => changed[HEADER + 8..HEADER + 12].copy_from_slice(&code.to_le_bytes()),
+        None => changed[14] &= !FLAG_EXTENSIONS,
+    }
+    changed
+}
+
+#[test]
+fn stated_axes_are_heeded_and_unstated_ones_are_warned_of() {
+    let bytes = encode_spz(name(), &baked(3), SpzVersion::V4).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.spz");
+    let read = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        crate::read_scene_file(&path).unwrap()
+    };
+    let own = read(&bytes);
+    assert_eq!(own.warnings, [""; 0]);
+    let unstated = read(&with_axes(&bytes, None));
+    assert_eq!(unstated.scene, own.scene);
+    assert!(unstated.warnings[0].contains("does not state its axes"), "{:?}", unstated.warnings);
+    let [x, y, z] = own.scene.splats.position[0];
+    // As stored: right, up, back of what is right, down, forward.
+    for (code, expected) in [(6, [x, -y, -z]), (7, [-x, y, -z]), (4, [x, y, z]), (8, [x, y, -z]), (12, [x, z, -y])] {
+        let found = read(&with_axes(&bytes, Some(code))).scene.splats;
+        assert!(found.position[0].iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{code}: {:?} {expected:?}", found.position[0]);
+        found.validate().unwrap();
+    }
+    std::fs::write(&path, with_axes(&bytes, Some(17))).unwrap();
+    assert!(crate::read_scene_file(&path).unwrap_err().message.contains("states axes 17"));
+}
+
+#[test]
+fn a_mirrored_scene_looks_as_in_a_mirror() {
+    let bytes = encode_spz(name(), &baked(3), SpzVersion::V4).unwrap();
+    let decode = |code| decode_spz(name(), &with_axes(&bytes, Some(code))).unwrap().splats;
+    // Right, up, forward is right, up, back with z mirrored.
+    let (plain, mirrored) = (decode(4), decode(8));
+    let direction = [0.48f32, -0.6, 0.64];
+    let seen = [direction[0], direction[1], -direction[2]];
+    for i in 0..plain.len() {
+        let (a, b) = (plain.radiance(i, direction), mirrored.radiance(i, seen));
+        assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4), "splat {i}: {a:?} {b:?}");
+    }
+}

@@ -5,12 +5,13 @@ use std::path::Path;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use luxel_core::{Splats, sigmoid};
+use luxel_core::{Antialias, Splats, sigmoid};
 use rayon::prelude::*;
 
 use super::layout::{
-    HEADER, LEGACY_HEADER, MAGIC, MAX_FIXED, MAX_FRACTIONAL_BITS, axes, block_bytes, fractional_bits, pack_color, pack_coordinate,
-    pack_harmonic, pack_log_scale, pack_opacity, pack_rotation_first_three, pack_rotation_smallest_three, unpack_log_scale,
+    AXES_EXTENSION, FLAG_ANTIALIASED, FLAG_EXTENSIONS, HEADER, LEGACY_HEADER, MAGIC, MAX_FIXED, MAX_FRACTIONAL_BITS, RIGHT_UP_BACK, axes,
+    block_bytes, fractional_bits, pack_color, pack_coordinate, pack_harmonic, pack_log_scale, pack_opacity, pack_rotation_first_three,
+    pack_rotation_smallest_three, unpack_log_scale,
 };
 use crate::bake::{Appearance, Baked};
 use crate::{IoError, write_atomically};
@@ -153,7 +154,8 @@ pub fn encode_spz(name: &Path, baked: &Baked, version: SpzVersion) -> Result<Vec
     // At most as many as there were.
     let count = count - grid.positions.left_out as u32;
     let blocks = blocks(&splats, version.number(), bits);
-    let head = Head { version: version.number(), count, degree: splats.color_model.sh_degree() as u8, bits };
+    let is_antialiased = baked.scene.raster.antialias == Antialias::Mip;
+    let head = Head { version: version.number(), count, degree: splats.color_model.sh_degree() as u8, bits, is_antialiased };
     let system = |e: std::io::Error| IoError::system(name, "compress", &e);
     match version {
         SpzVersion::V2 | SpzVersion::V3 => gzip(&head, &blocks).map_err(system),
@@ -166,6 +168,7 @@ struct Head {
     count: u32,
     degree: u8,
     bits: u8,
+    is_antialiased: bool,
 }
 
 impl Head {
@@ -176,8 +179,11 @@ impl Head {
         bytes[..4].copy_from_slice(&MAGIC.to_le_bytes());
         bytes[4..8].copy_from_slice(&self.version.to_le_bytes());
         bytes[8..12].copy_from_slice(&self.count.to_le_bytes());
-        // No flags: the bake's opacities are those of an ordinary renderer.
-        bytes[12..].copy_from_slice(&[self.degree, self.bits, 0, streams]);
+        // Bakes are of an ordinary renderer, but for colours that another program's anti-aliasing made.
+        let antialiased = if self.is_antialiased { FLAG_ANTIALIASED } else { 0 };
+        // Only the last version has streams, and a place in front of them.
+        let extensions = if streams > 0 { FLAG_EXTENSIONS } else { 0 };
+        bytes[12..].copy_from_slice(&[self.degree, self.bits, antialiased | extensions, streams]);
         bytes
     }
 }
@@ -226,8 +232,11 @@ fn zstd(head: &Head, blocks: &[Vec<u8>]) -> std::io::Result<Vec<u8>> {
     let mut out = Vec::new();
     // At most six streams.
     out.extend(head.bytes(streams.len() as u8));
-    out.extend((HEADER as u32).to_le_bytes());
+    // The axes are those of the convention, which not every program keeps to.
+    let extension = [AXES_EXTENSION, 4, RIGHT_UP_BACK].map(u32::to_le_bytes).concat();
+    out.extend(((HEADER + extension.len()) as u32).to_le_bytes());
     out.resize(HEADER, 0);
+    out.extend(extension);
     for (block, stream) in blocks.iter().zip(&streams) {
         out.extend((stream.len() as u64).to_le_bytes());
         out.extend((block.len() as u64).to_le_bytes());

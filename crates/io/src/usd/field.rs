@@ -1,30 +1,65 @@
 //! The arrays of a particle field, and the splats that they make.
 
-use luxel_core::{ColorModel, ColorSpace, Splats, logit, sh};
+use glam::DMat4;
+use luxel_core::{ColorModel, ColorSpace, SH_OFFSET, Splats, logit, sh};
 
-use crate::validity::{is_normalizable, left_out_line};
+use super::cameras::Transform;
+use crate::validity::{LeftOut, is_normalizable};
 
-/// Removes the rows in which a number of any of the arrays is not finite; returns how many. An
-/// error if no row is left.
-fn leave_out_unfinite_rows(arrays: [&mut Vec<f32>; 5], widths: [usize; 5], count: usize) -> Result<u64, String> {
-    let mut is_kept = vec![true; count];
+/// Attribute of the harmonics.
+const RADIANCE: &str = "radiance:sphericalHarmonicsCoefficients";
+/// Attribute of colours as points have them.
+const DISPLAY_COLOR: &str = "primvars:displayColor";
+
+/// Removes the rows in which a number of any of the arrays is not finite, or which have no rotation;
+/// returns how many. An error if no row is left.
+fn leave_out_unusable_rows(arrays: [&mut Vec<f32>; 5], widths: [usize; 5], count: usize) -> Result<LeftOut, String> {
+    let mut is_finite = vec![true; count];
     for (array, width) in arrays.iter().zip(widths) {
-        for (row, kept) in array.chunks_exact(width).zip(&mut is_kept) {
-            *kept &= row.iter().all(|v| v.is_finite());
+        for (row, finite) in array.chunks_exact(width.max(1)).zip(&mut is_finite) {
+            *finite &= row.iter().all(|v| v.is_finite());
         }
     }
-    let left_out = is_kept.iter().filter(|kept| !**kept).count();
-    if left_out == 0 {
-        return Ok(0);
+    let rotations = arrays[1].as_chunks::<4>().0.iter();
+    let is_kept: Vec<bool> = rotations.zip(&is_finite).map(|(q, finite)| *finite && is_normalizable(*q)).collect();
+    let unfinite = is_finite.iter().filter(|finite| !**finite).count();
+    let unturned = is_kept.iter().filter(|kept| !**kept).count() - unfinite;
+    let left_out = LeftOut { unfinite: unfinite as u64, unturned: unturned as u64 };
+    if left_out.total() == 0 {
+        return Ok(left_out);
     }
-    if left_out == count {
-        return Err(format!("all of {count} splats have a number that is NaN or infinite, expected finite numbers"));
+    if left_out.total() == count as u64 {
+        return Err(format!(
+            "all of {count} splats have a number that is NaN or infinite, or an orientation of length 0, expected finite numbers; export the \
+             file again"
+        ));
     }
     for (array, width) in arrays.into_iter().zip(widths) {
-        let rows = array.chunks_exact(width).zip(&is_kept).filter(|(_, kept)| **kept);
+        let rows = array.chunks_exact(width.max(1)).zip(&is_kept).filter(|(_, kept)| **kept);
         *array = rows.flat_map(|(row, _)| row.iter().copied()).collect();
     }
-    Ok(left_out as u64)
+    Ok(left_out)
+}
+
+/// Fits an array to `count` rows of `fallback`'s width, as the schema says: numbers beyond them are
+/// cut, and an array that is absent or too short is ignored.
+fn fit(array: &mut Vec<f32>, name: &str, fallback: &[f32], count: usize, warnings: &mut Vec<String>) -> Result<(), String> {
+    let width = fallback.len();
+    let needed = count.checked_mul(width).ok_or("more splats than memory holds")?;
+    let found = array.len();
+    if found > needed {
+        warnings.push(format!("{name:?} has {found} numbers, {width} for each of {count} splats are {needed}: those beyond are left out"));
+        array.truncate(needed);
+    } else if found < needed {
+        let what = if found == 0 {
+            format!("no {name:?}")
+        } else {
+            format!("{name:?} has {found} numbers, expected {width} for each of {count} splats: ignored")
+        };
+        warnings.push(format!("{what}, as the schema says; all splats have {fallback:?}"));
+        *array = fallback.repeat(count);
+    }
+    Ok(())
 }
 
 /// The arrays of the file.
@@ -37,9 +72,10 @@ pub(super) struct Field {
     pub(super) coefficients: Vec<f32>,
     pub(super) degree: usize,
     pub(super) color_space: ColorSpace,
-    /// The place that the field is moved to, if it is.
-    pub(super) translation: Option<[f32; 3]>,
-    pub(super) is_translated: bool,
+    /// Colours of the points, for splats without radiance.
+    pub(super) display_color: Vec<f32>,
+    /// Transforms of the prims around it and its own, the outermost first.
+    pub(super) transforms: Vec<Transform>,
 }
 
 impl Default for Field {
@@ -53,15 +89,15 @@ impl Default for Field {
             coefficients: Vec::new(),
             degree: 3,
             color_space: ColorSpace::LinearRec709,
-            translation: None,
-            is_translated: false,
+            display_color: Vec::new(),
+            transforms: Vec::new(),
         }
     }
 }
 
 /// Returns whether a property of the field's prim is read.
 pub(super) fn is_read(name: &str) -> bool {
-    let arrays = ["positions", "orientations", "scales", "opacities", "radiance:sphericalHarmonicsCoefficients"];
+    let arrays = ["positions", "orientations", "scales", "opacities", RADIANCE];
     arrays.contains(&name.strip_suffix('h').unwrap_or(name))
 }
 
@@ -73,44 +109,67 @@ impl Field {
             "orientations" | "orientationsh" => &mut self.orientations,
             "scales" | "scalesh" => &mut self.scales,
             "opacities" | "opacitiesh" => &mut self.opacities,
-            "radiance:sphericalHarmonicsCoefficients" | "radiance:sphericalHarmonicsCoefficientsh" => &mut self.coefficients,
+            RADIANCE | "radiance:sphericalHarmonicsCoefficientsh" => &mut self.coefficients,
+            DISPLAY_COLOR => &mut self.display_color,
             _ => return None,
         })
     }
 
+    /// Returns the matrix from the field's coordinates to the stage's.
+    pub(super) fn matrix(&self) -> Result<DMat4, String> {
+        let mut matrix = DMat4::IDENTITY;
+        for transform in &self.transforms {
+            if transform.is_reset() {
+                matrix = DMat4::IDENTITY;
+            }
+            matrix *= transform.matrix(None)?;
+        }
+        Ok(matrix)
+    }
+
+    /// Puts the colours of the points in the place of radiance that is absent: one for all, or one
+    /// for each splat.
+    fn take_display_color(&mut self, count: usize, warnings: &mut Vec<String>) {
+        let colors = &self.display_color;
+        if !self.coefficients.is_empty() || count == 0 || ![3, 3 * count].contains(&colors.len()) {
+            return;
+        }
+        warnings.push(format!("no {RADIANCE:?}: the colours of {DISPLAY_COLOR:?} are read in their place"));
+        let constant = colors.iter().map(|v| (v - SH_OFFSET) / sh::C0);
+        self.coefficients = if colors.len() == 3 { constant.collect::<Vec<_>>().repeat(count) } else { constant.collect() };
+        self.degree = 0;
+    }
+
     /// Returns the splats; the error names the array that is wrong.
     pub(super) fn splats(mut self, warnings: &mut Vec<String>) -> Result<Splats, String> {
+        if !self.positions.len().is_multiple_of(3) {
+            return Err(format!("\"positions\" has {} numbers, expected three for each splat; export it again", self.positions.len()));
+        }
         let count = self.positions.len() / 3;
+        self.take_display_color(count, warnings);
+        if self.coefficients.is_empty() {
+            self.degree = 0;
+        }
         let k = 3 * sh::coefficients(self.degree);
-        if self.orientations.is_empty() && count > 0 {
-            warnings.push("no \"orientations\": the splats are read as unturned".to_owned());
-            self.orientations = [1.0, 0.0, 0.0, 0.0].repeat(count);
-        }
-        let lengths = [
-            ("positions", self.positions.len(), 3),
-            ("orientations", self.orientations.len(), 4),
-            ("scales", self.scales.len(), 3),
-            ("opacities", self.opacities.len(), 1),
-            ("radiance:sphericalHarmonicsCoefficients", self.coefficients.len(), k),
-        ];
-        for (name, found, width) in lengths {
-            if count.checked_mul(width) != Some(found) {
-                return Err(format!("{name:?} has {found} numbers, expected {width} for each of {count} splats"));
-            }
-        }
+        fit(&mut self.orientations, "orientations", &[1.0, 0.0, 0.0, 0.0], count, warnings)?;
+        fit(&mut self.scales, "scales", &[1.0; 3], count, warnings)?;
+        fit(&mut self.opacities, "opacities", &[1.0], count, warnings)?;
+        // Coefficients of 0 are grey: radiance of 0.5.
+        fit(&mut self.coefficients, RADIANCE, &vec![0.0; k], count, warnings)?;
         let widths = [3, 4, 3, 1, k];
         let arrays = [&mut self.positions, &mut self.orientations, &mut self.scales, &mut self.opacities, &mut self.coefficients];
-        warnings.extend(left_out_line(leave_out_unfinite_rows(arrays, widths, count)?, count as u64));
+        if count > 0 {
+            warnings.extend(leave_out_unusable_rows(arrays, widths, count)?.lines(count as u64));
+        }
         if let Some(i) = self.opacities.iter().position(|o| !(0.0..=1.0).contains(o)) {
-            return Err(format!("opacity of splat {i} is {}, expected 0 to 1", self.opacities[i]));
+            return Err(format!("opacity of splat {i} is {}, expected 0 to 1; write opacities, not their logits", self.opacities[i]));
         }
         if let Some(i) = self.scales.iter().position(|s| *s < 0.0) {
-            return Err(format!("scale of splat {} is {}, expected 0 or more", i / 3, self.scales[i]));
+            let message =
+                format!("scale of splat {} is {}, expected 0 or more; write lengths, not their logarithms", i / 3, self.scales[i]);
+            return Err(message);
         }
         let (rotation, _) = self.orientations.as_chunks::<4>();
-        if let Some(i) = rotation.iter().position(|q| !is_normalizable(*q)) {
-            return Err(format!("orientation of splat {i} is {:?}, expected a quaternion of length about 1", rotation[i]));
-        }
         Ok(Splats {
             color_model: ColorModel::Sh { degree: self.degree as u8 },
             rotation: rotation.to_vec(),

@@ -8,9 +8,9 @@
 //! bit. The colour space is in `colorSpace:name` (ColorSpaceAPI), the up axis is Y, and
 //! `customLayerData` has the record that Luxel needs to restore the bake.
 //!
-//! Reading: the only such prim of a layer; positions and the rest may be their half-float
-//! twins (`positionsh`, ...). Nothing is composed: references, variants and transforms of prims are
-//! other programs' business (`usdcat --flatten`); a transform is an error, not ignored.
+//! Reading: all such prims of a layer, where the transforms of the prims around them and their own put
+//! them; positions and the rest may be their half-float twins (`positionsh`, ...). Nothing is
+//! composed: references and variants are other programs' business (`usdcat --flatten`).
 
 mod binary;
 mod camera_layer;
@@ -18,6 +18,7 @@ mod cameras;
 mod field;
 mod lexer;
 mod reader;
+mod values;
 mod writer;
 
 use luxel_core::ColorSpace;
@@ -27,8 +28,8 @@ pub use camera_layer::{StageCameras, StageChoice, StageMotion, decode_stage_came
 pub(crate) use cameras::UsdCamera;
 pub(crate) use cameras::read_cameras;
 pub use cameras::{UsdCameras, decode_usd_cameras};
+pub(crate) use reader::{decode_binary_file, read_binary_file, read_scene_file};
 pub use reader::{decode_usda, decode_usdc, read_usda};
-pub(crate) use reader::{read_binary_file, read_scene_file};
 pub use writer::{encode_usda, encode_usdc, write_usda, write_usdc, write_usdz};
 
 /// The schema.
@@ -38,9 +39,6 @@ const TRANSLATE: &str = "xformOp:translate";
 /// Attribute of the order of transforms.
 const ORDER: &str = "xformOpOrder";
 
-const TRANSFORMED: &str =
-    "the splats' prim, or one around it, is transformed, which is not supported; apply the transform in the program the file is from";
-
 /// Returns the name of a colour space in OpenUSD (the interoperability forum's).
 fn usd_name(space: ColorSpace) -> &'static str {
     match space {
@@ -49,19 +47,23 @@ fn usd_name(space: ColorSpace) -> &'static str {
         ColorSpace::LinearRec2020 => "lin_rec2020_scene",
         ColorSpace::Aces2065 => "lin_ap0_scene",
         ColorSpace::AcesCg => "lin_ap1_scene",
+        ColorSpace::DisplaySrgb => DISPLAY_SPACE,
     }
 }
 
 /// Name of the colours of a display bake.
 const DISPLAY_SPACE: &str = "srgb_rec709_scene";
+/// The name that other programs write for the same.
+const OTHER_DISPLAY_SPACE: &str = "srgb_rec709_display";
 
 /// Returns the colour space of a name of OpenUSD; the error names those that are known.
 fn color_space_named(name: &str) -> Result<ColorSpace, String> {
-    let known = ColorSpace::ALL.into_iter().find(|space| usd_name(*space) == name);
-    // What our display bakes are in; their record has the rest.
-    known.or_else(|| (name == DISPLAY_SPACE).then(ColorSpace::default)).ok_or_else(|| {
+    // Light of a display is light.
+    let scene = name.strip_suffix("_display").map_or(name.to_owned(), |base| format!("{base}_scene"));
+    let known = ColorSpace::ALL.into_iter().find(|space| usd_name(*space) == scene);
+    known.or_else(|| (scene == DISPLAY_SPACE).then_some(ColorSpace::DisplaySrgb)).ok_or_else(|| {
         let names = ColorSpace::ALL.map(usd_name).join(", ");
-        format!("colour space {name:?}, expected one of {names}; convert the splats' colours")
+        format!("colour space {name:?}, expected one of {names}, {OTHER_DISPLAY_SPACE}; convert the splats' colours")
     })
 }
 

@@ -3,16 +3,17 @@
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
-use glam::DVec3;
+use glam::DMat4;
 use luxel_core::{RadianceScale, RasterConfig, Scene, Similarity, sh};
 
+use super::cameras::{OPERATION, Transform};
 use super::field::{Field, is_read};
 use super::lexer::{Lexer, Token};
-use super::{ORDER, PRIM_TYPE, TRANSFORMED, TRANSLATE, binary, color_space_named};
+use super::{ORDER, PRIM_TYPE, binary, color_space_named};
 use crate::IoError;
 use crate::bake::{BakeRecord, RECORD_KEY};
 use crate::byte_order_mark::MARK;
-use crate::local_frame::settled;
+use crate::joined::{MAX_PARTS, settle_together, similarity};
 use crate::memory::check_memory;
 use crate::read_file::{open_regular, read_file};
 use crate::scene_file::SceneFile;
@@ -23,9 +24,9 @@ const MAX_PRIMS: usize = 64;
 /// Reads the particle field of splats.
 ///
 /// # Errors
-/// A missing, truncated or otherwise damaged file, no splats, arrays that do not go together, or
-/// what is not supported: a transform of the field or of a prim around it, several fields, values
-/// over time, a colour space without a name here.
+/// A missing, truncated or otherwise damaged file, no splats, or what is not supported: a transform
+/// that shears or mirrors, fields of different colours, values over time, a colour space without a
+/// name here.
 pub fn read_usda(path: &Path) -> Result<Scene, IoError> {
     read_scene_file(path).map(|file| file.scene)
 }
@@ -53,15 +54,12 @@ fn read<R: BufRead>(path: &Path, mut reader: R) -> Result<SceneFile, IoError> {
     if !is_text {
         return Err(IoError::invalid(path, "line 1: expected \"#usda 1.0\": this is not OpenUSD text"));
     }
-    let mut layer = Layer { lexer: Lexer::new(reader, path), record: None, field: None, field_within: None, transformed_at: None };
+    let mut layer = Layer { lexer: Lexer::new(reader, path), record: None, fields: Vec::new() };
     // The rest of the first line.
     while !matches!(layer.lexer.next()?, Token::NewLine | Token::End) {}
-    layer.prims(0)?;
-    let Layer { record, field, .. } = layer;
-    let Some(field) = field else {
-        return Err(IoError::invalid(path, format_args!("no prim of type {PRIM_TYPE}, expected one; splats of other types are not read")));
-    };
-    scene_of(path, field, record)
+    layer.body(&mut Prim::default(), 0)?;
+    let Layer { record, fields, .. } = layer;
+    scene_of(path, fields, record)
 }
 
 /// Reads a binary file or a package with its warnings.
@@ -80,7 +78,8 @@ pub fn decode_usdc(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
     decode_binary_file(name, bytes).map(|file| file.scene)
 }
 
-fn decode_binary_file(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
+/// Decodes a binary file or a package with its warnings.
+pub(crate) fn decode_binary_file(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
     let layer = if bytes.starts_with(binary::PACKAGE_MAGIC) {
         binary::layer_in_package(bytes).map_err(|e| IoError::invalid(name, e))?
     } else {
@@ -93,82 +92,81 @@ fn decode_binary_file(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
         true => IoError::unsupported(name, error.message),
         false => IoError::invalid(name, error.message),
     })?;
-    scene_of(name, found.field, found.record)
+    scene_of(name, found.fields, found.record)
 }
 
-/// Makes a scene of a field and the record of the bake.
-fn scene_of(path: &Path, field: Field, record: Option<String>) -> Result<SceneFile, IoError> {
+/// Makes a scene of the fields and the record of the bake.
+fn scene_of(path: &Path, fields: Vec<Field>, record: Option<String>) -> Result<SceneFile, IoError> {
     let record = record.map(|json| BakeRecord::parse(&json)).transpose().map_err(|e| IoError::invalid(path, e))?;
-    let color_space = field.color_space;
-    // A move to the origin that the record states; another one has no record here.
-    let origin = record.as_ref().map_or(DVec3::ZERO, BakeRecord::origin_in_file).as_vec3().to_array();
-    if field.is_translated && field.translation != Some(origin) {
-        return Err(IoError::unsupported(path, TRANSFORMED));
+    let (mut warnings, mut parts) = (Vec::new(), Vec::new());
+    let mut is_as_written = fields.len() == 1;
+    for field in fields {
+        let matrix = field.matrix().map_err(|e| IoError::invalid(path, e))?;
+        // A bake of this program is moved to the origin that its record states, and not further.
+        is_as_written &= record.as_ref().is_some_and(|record| is_moved_only_to(&matrix, record));
+        let moved = similarity(matrix).map_err(|e| IoError::unsupported(path, e))?;
+        let color_space = record.as_ref().map_or(field.color_space, BakeRecord::color_space);
+        let raster = record.as_ref().map_or_else(RasterConfig::default, |record| record.raster);
+        let splats = field.splats(&mut warnings).map_err(|e| IoError::invalid(path, e))?;
+        let radiance_scale = RadianceScale::ONE;
+        let (edits, world_from_local, metres_per_unit) = (Vec::new(), Similarity::IDENTITY, None);
+        parts.push((Scene { splats, radiance_scale, color_space, raster, edits, world_from_local, metres_per_unit }, moved));
     }
-    let mut warnings = Vec::new();
-    let splats = field.splats(&mut warnings).map_err(|e| IoError::invalid(path, e))?;
-    let scene = match record {
-        Some(record) => record.scene(splats).map_err(|e| IoError::invalid(path, e))?,
-        None => settled(
-            Scene {
-                splats,
-                radiance_scale: RadianceScale::ONE,
-                color_space,
-                raster: RasterConfig::default(),
-                edits: Vec::new(),
-                world_from_local: Similarity::IDENTITY,
-                metres_per_unit: None,
-            },
-            None,
-        ),
-    };
+    if let (Some(record), [_], true) = (&record, parts.as_slice(), is_as_written)
+        && let Some((scene, _)) = parts.pop()
+    {
+        let scene = record.scene(scene.splats).map_err(|e| IoError::invalid(path, e))?;
+        return Ok(SceneFile { scene, warnings });
+    }
+    if record.is_some() {
+        warnings.push("another program has moved the splats: they are where it put them, not where the data set has them".to_owned());
+    }
+    let joined = settle_together(parts).map_err(|e| IoError::unsupported(path, e))?;
+    let none = || IoError::invalid(path, format_args!("no prim of type {PRIM_TYPE}, expected one; splats of other types are not read"));
+    let scene = joined.ok_or_else(none)?;
+    scene.splats.validate().map_err(|e| IoError::invalid(path, e))?;
     Ok(SceneFile { scene, warnings })
 }
 
-/// The effect of a property on its prim's place.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Placed {
-    AsItIs,
-    Moved,
+/// Returns whether a matrix is a move to the local origin that a record states, in the digits of a
+/// file.
+fn is_moved_only_to(matrix: &DMat4, record: &BakeRecord) -> bool {
+    let found = matrix.w_axis.truncate().as_vec3();
+    let is_move = DMat4::from_translation(matrix.w_axis.truncate()) == *matrix;
+    is_move && found == record.origin_in_file().as_vec3()
+}
+
+/// A prim under way of being read.
+#[derive(Default)]
+struct Prim {
+    /// The arrays of a particle field.
+    field: Option<Field>,
+    transform: Transform,
 }
 
 /// A layer under way of being read.
 struct Layer<'a, R> {
     lexer: Lexer<'a, R>,
     record: Option<String>,
-    field: Option<Field>,
-    /// Depth of the innermost open prim's body that contains the field.
-    field_within: Option<usize>,
-    /// Depth of the outermost open body whose prim is transformed, and with it its content.
-    transformed_at: Option<usize>,
+    fields: Vec<Field>,
 }
 
 impl<R: BufRead> Layer<'_, R> {
-    /// Reads statements up to the end of the file or of the prim around them.
-    fn prims(&mut self, depth: usize) -> Result<(), IoError> {
+    /// Reads statements up to the end of the prim, or of the file.
+    fn body(&mut self, prim: &mut Prim, depth: usize) -> Result<(), IoError> {
         loop {
             match self.lexer.next_on()? {
                 Token::End if depth == 0 => return Ok(()),
                 Token::End => return Err(self.lexer.invalid("file ends within a prim; the file is truncated")),
-                Token::Mark(b'}') if depth > 0 => {
-                    self.transformed_at = self.transformed_at.filter(|at| *at < depth);
-                    self.field_within = self.field_within.map(|within| within.min(depth - 1));
-                    return Ok(());
-                }
+                Token::Mark(b'}') if depth > 0 => return Ok(()),
                 Token::Mark(b'(') if depth == 0 => self.layer_metadata()?,
                 Token::Mark(b';') => {}
                 // Metadata of the property before.
                 Token::Mark(b'(') => self.lexer.skip_brackets()?,
-                Token::Word(word) if matches!(word.as_str(), "def" | "over" | "class") => self.prim(depth)?,
-                Token::Word(word) => {
-                    if self.property(vec![word], None)? == Placed::Moved {
-                        // The order of a prim's properties and children is free.
-                        if self.field_within.is_some_and(|within| within >= depth) {
-                            return Err(self.transformed());
-                        }
-                        self.transformed_at.get_or_insert(depth);
-                    }
-                }
+                Token::Word(word) if matches!(word.as_str(), "def" | "over") => self.prim(depth, false)?,
+                // Classes are templates, no splats.
+                Token::Word(word) if word == "class" => self.prim(depth, true)?,
+                Token::Word(word) => self.property(word, prim)?,
                 other => return Err(self.lexer.invalid(format_args!("found {other:?}, expected a prim or a property"))),
             }
         }
@@ -194,7 +192,7 @@ impl<R: BufRead> Layer<'_, R> {
     }
 
     /// Reads a prim behind its `def`.
-    fn prim(&mut self, depth: usize) -> Result<(), IoError> {
+    fn prim(&mut self, depth: usize, is_class: bool) -> Result<(), IoError> {
         if depth >= MAX_PRIMS {
             return Err(self.lexer.invalid(format_args!("more than {MAX_PRIMS} prims within one another")));
         }
@@ -208,52 +206,38 @@ impl<R: BufRead> Layer<'_, R> {
                 other => return Err(self.lexer.invalid(format_args!("found {other:?}, expected a prim's type, name, metadata or body"))),
             }
         }
-        if kind.as_deref() == Some(PRIM_TYPE) {
-            if self.field_within.is_some() {
-                return Err(self.lexer.unsupported(format_args!("a second prim of type {PRIM_TYPE}, expected one; export them apart")));
-            }
-            if self.transformed_at.is_some() {
-                return Err(self.transformed());
-            }
-            self.field_within = Some(depth);
-            let mut field = Field::default();
-            self.field_body(&mut field, depth + 1)?;
-            self.field = Some(field);
-            return Ok(());
+        let is_field = kind.as_deref() == Some(PRIM_TYPE);
+        let mut prim = Prim { field: is_field.then(Field::default), transform: Transform::default() };
+        let first_below = self.fields.len();
+        self.body(&mut prim, depth + 1)?;
+        self.fields.extend(prim.field);
+        // Their transforms come behind those of the prims around them.
+        for field in self.fields.iter_mut().skip(first_below) {
+            field.transforms.insert(0, prim.transform.clone());
         }
-        self.prims(depth + 1)
-    }
-
-    /// Reads the body of the particle field.
-    fn field_body(&mut self, field: &mut Field, depth: usize) -> Result<(), IoError> {
-        loop {
-            match self.lexer.next_on()? {
-                Token::End => return Err(self.lexer.invalid("file ends within the splats; the file is truncated")),
-                Token::Mark(b'}') => return Ok(()),
-                Token::Mark(b';') => {}
-                Token::Mark(b'(') => self.lexer.skip_brackets()?,
-                Token::Word(word) if matches!(word.as_str(), "def" | "over" | "class") => self.prim(depth)?,
-                Token::Word(word) => {
-                    if self.property(vec![word], Some(field))? == Placed::Moved {
-                        return Err(self.transformed());
-                    }
-                }
-                other => return Err(self.lexer.invalid(format_args!("found {other:?}, expected a property"))),
-            }
+        if is_class {
+            self.fields.truncate(first_below);
         }
+        if self.fields.len() > MAX_PARTS {
+            return Err(self
+                .lexer
+                .unsupported(format_args!("more than {MAX_PARTS} prims of type {PRIM_TYPE}, expected fewer; join them first")));
+        }
+        Ok(())
     }
 
     /// Reads a property from its first word on: words, then perhaps `= value`, then perhaps
     /// metadata.
-    fn property(&mut self, mut words: Vec<String>, field: Option<&mut Field>) -> Result<Placed, IoError> {
+    fn property(&mut self, first: String, prim: &mut Prim) -> Result<(), IoError> {
+        let mut words = vec![first];
         loop {
             match self.lexer.next()? {
                 Token::Word(word) => words.push(word),
                 // `float[]`, `variantSet "name"`.
                 Token::Mark(b'[' | b']') | Token::Text(_) => {}
                 Token::Mark(b'=') => break,
-                Token::Mark(b'(') => return self.lexer.skip_brackets().map(|()| Placed::AsItIs),
-                Token::NewLine | Token::Mark(b';') | Token::End => return Ok(Placed::AsItIs),
+                Token::Mark(b'(') => return self.lexer.skip_brackets(),
+                Token::NewLine | Token::Mark(b';') | Token::End => return Ok(()),
                 other => return Err(self.lexer.invalid(format_args!("found {other:?}, expected a property's name or value"))),
             }
             if words.len() > 16 {
@@ -261,64 +245,25 @@ impl<R: BufRead> Layer<'_, R> {
             }
         }
         let name = words.pop().unwrap_or_default();
-        if name == ORDER {
-            return self.transform_order(field);
+        if words.first().is_some_and(|word| word == "variantSet") {
+            return self.lexer.skip_value();
         }
-        match field {
-            Some(field) => self.field_value(&name, field)?,
-            None => self.lexer.skip_value()?,
+        let (base, is_timed) = name.strip_suffix(".timeSamples").map_or((name.as_str(), false), |base| (base, true));
+        if base == ORDER {
+            prim.transform.set_order(self.lexer.texts(base)?);
+            return Ok(());
         }
-        Ok(Placed::AsItIs)
-    }
-
-    /// Reads an order of transforms; one that is not empty moves the prim and its content. A field
-    /// that is only moved to a place keeps that for later.
-    fn transform_order(&mut self, field: Option<&mut Field>) -> Result<Placed, IoError> {
-        let opening = self.lexer.next_on()?;
-        match (opening, self.lexer.next_on()?) {
-            (Token::Mark(b'['), Token::Mark(b']')) => Ok(Placed::AsItIs),
-            (Token::Mark(b'['), Token::Text(only)) if only == TRANSLATE && field.is_some() => {
-                if self.lexer.next_on()? != Token::Mark(b']') {
-                    return self.lexer.skip_brackets().map(|()| Placed::Moved);
-                }
-                if let Some(field) = field {
-                    field.is_translated = true;
-                }
-                Ok(Placed::AsItIs)
-            }
-            (Token::Mark(b'['), _) => self.lexer.skip_brackets().map(|()| Placed::Moved),
-            (other, _) => Err(self.lexer.invalid(format_args!("\"xformOpOrder\" begins with {other:?}, expected a list"))),
+        if base.starts_with(OPERATION) {
+            return self.lexer.timed(base, is_timed, prim.transform.op(base));
         }
-    }
-
-    fn transformed(&self) -> IoError {
-        self.lexer.unsupported(TRANSFORMED)
-    }
-
-    /// Reads three numbers in parentheses.
-    fn triple(&mut self, name: &str) -> Result<[f32; 3], IoError> {
-        let mut words = Vec::new();
-        let mut token = self.lexer.next_on()?;
-        while token != Token::Mark(b')') && words.len() < 4 {
-            match token {
-                Token::Word(word) => words.push(word),
-                Token::Mark(b'(' | b',') => {}
-                other => return Err(self.lexer.invalid(format_args!("{name:?} has {other:?}, expected three numbers in parentheses"))),
-            }
-            token = self.lexer.next_on()?;
+        match &mut prim.field {
+            Some(field) => self.field_value(&name, field),
+            None => self.lexer.skip_value(),
         }
-        // By way of 64 bits, as the origin that it is compared with.
-        let numbers: Option<Vec<f32>> = words.iter().map(|word| word.parse::<f64>().ok().map(|v| v as f32)).collect();
-        let triple = numbers.and_then(|numbers| <[f32; 3]>::try_from(numbers).ok());
-        triple.ok_or_else(|| self.lexer.invalid(format_args!("{name:?} is {words:?}, expected three numbers")))
     }
 
     fn field_value(&mut self, name: &str, field: &mut Field) -> Result<(), IoError> {
         match name {
-            TRANSLATE => {
-                field.translation = Some(self.triple(name)?);
-                return Ok(());
-            }
             "radiance:sphericalHarmonicsDegree" => {
                 let Token::Word(word) = self.lexer.next_on()? else { return Err(self.lexer.invalid("expected a degree")) };
                 let degree = word.parse().ok().filter(|degree| *degree <= sh::MAX_DEGREE);

@@ -147,10 +147,10 @@ fn duplicate_names_are_an_error() {
 fn absurd_counts_and_missing_files_of_a_model_are_errors() {
     let scene = TestScene::new();
     scene.exrs(["images/a.exr"]);
-    for (name, count) in [("cameras", 0u64), ("images", 0), ("points3D", 1 << 40)] {
+    for (name, count) in [("cameras", 0u64), ("images", 0), ("points3D", 1_000_000)] {
         scene.write(&format!("sparse/0/{name}.bin"), count.to_le_bytes());
     }
-    assert!(scene.error().contains("claims 1099511627776 points"), "{}", scene.error());
+    assert!(scene.error().contains("claims 1000000 points"), "{}", scene.error());
     // A model may lack points, but not images.
     std::fs::remove_file(scene.path().join("sparse/0/points3D.bin")).unwrap();
     assert!(scene.error().contains("no registered images"), "{}", scene.error());

@@ -133,7 +133,8 @@ fn exr_colour_is_found_by_name() {
     // Incomplete, or luminance with chroma.
     for channels in [vec![("R", r.clone()), ("G", g.clone())], vec![("Z", other())], vec![("Y", r.clone()), ("RY", g), ("BY", b)]] {
         let error = read(channels).unwrap_err();
-        assert!(error.message.contains("expected R, G, B or Y"), "{error}");
+        let is_chroma = error.message.contains("luminance and chroma (Y, RY, BY); export it as RGB");
+        assert!(is_chroma || error.message.contains("expected R, G, B or Y"), "{error}");
     }
 }
 
@@ -178,7 +179,9 @@ fn exr_says_what_is_odd_about_a_header() {
     let bytes = exr_bytes(&file);
     assert_eq!(
         decode(&bytes, &UNSAID).unwrap().warnings,
-        ["the pixel aspect ratio is 2: pixels are read as square, as cameras of data sets take them"]
+        [
+            "the pixel aspect ratio is 2.0000: pixels are read as square, as cameras of data sets take them; resize the image if it looks squeezed"
+        ]
     );
     // The compressions of OpenEXR 3.5: one byte behind the attribute's name, type and length.
     let at = bytes.windows(12).rposition(|w| w == b"compression\0").unwrap() + 12 + 4;
@@ -242,7 +245,65 @@ fn exr_chromaticities_are_honoured() {
     assert!(decoded.warnings[0].contains("converted to linear Rec.709"), "{:?}", decoded.warnings);
     let red = 1.3983 * 0.5 - 0.3983 * 0.25;
     assert!((decoded.image.pixels[0][0] - red).abs() < 1e-3, "{}", decoded.image.pixels[0][0]);
-    assert!(read([[0.0; 2]; 4]).unwrap_err().message.contains("not a colour space"));
+    // Zeros of a program that knew none count as none.
+    let unknown = read([[0.0; 2]; 4]).unwrap();
+    assert_eq!((unknown.color_space, unknown.image == image), (None, true));
+    assert!(unknown.warnings[0].contains("not a colour space"), "{:?}", unknown.warnings);
+    // CIE XYZ, whose primaries have y of 0, with white of equal energy.
+    let xyz = read([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [1.0 / 3.0, 1.0 / 3.0]]).unwrap();
+    assert_eq!(xyz.color_space, Some(ColorSpace::LinearRec709));
+    // Bradford from E to D65 after it: the sum of a row is what white has.
+    let [r, _, b] = xyz.image.pixels[0];
+    assert!(r.is_finite() && b > r, "{:?}", xyz.image.pixels[0]);
+}
+
+#[test]
+fn the_name_of_a_space_goes_before_its_chromaticities() {
+    let image = Radiance::filled(2, 2, [0.5, 0.25, 2.0]);
+    let read = |id: &str, chromaticities: Option<[[f32; 2]; 4]>| {
+        let mut file = exr_image((2, 2), planes(&image, half), Encoding::UNCOMPRESSED);
+        file.attributes.chromaticities = chromaticities.map(|found| {
+            let [red, green, blue, white] = found.map(|[x, y]| Vec2(x, y));
+            attribute::Chromaticities { red, green, blue, white }
+        });
+        let value = AttributeValue::Text(Text::from(id));
+        file.layer_data.attributes.other.insert(Text::from("colorInteropID"), value);
+        decode(&exr_bytes(&file), &UNSAID)
+    };
+    for (id, space) in [("lin_ap1_scene", ColorSpace::AcesCg), ("lin_rec2020_scene", ColorSpace::LinearRec2020)] {
+        let decoded = read(id, None).unwrap();
+        assert_eq!((decoded.color_space, decoded.image == image, decoded.warnings.len()), (Some(space), true, 0), "{id}");
+    }
+    let contradicted = read("lin_ap1_scene", Some(ColorSpace::LinearRec709.chromaticities())).unwrap();
+    assert_eq!(contradicted.color_space, Some(ColorSpace::AcesCg));
+    assert!(contradicted.warnings[0].contains("contradicts"), "{:?}", contradicted.warnings);
+    // Not light: decoded, or refused.
+    let display = read("srgb_rec709_display", None).unwrap();
+    assert!((display.image.pixels[0][0] - 0.214_041).abs() < 1e-5 && display.warnings[0].contains("decoded"), "{:?}", display.warnings);
+    assert!(read("pq_rec2020_display", None).unwrap_err().message.contains("pq_rec2020_display"));
+    for (id, part) in [("data", "no colours"), ("studio_log", "no name of a space")] {
+        let decoded = read(id, None).unwrap();
+        assert_eq!((decoded.color_space, decoded.image == image), (None, true));
+        assert!(decoded.warnings[0].contains(part), "{:?}", decoded.warnings);
+    }
+    // White of XYZ under D65.
+    let [x, y] = [0.3127f32, 0.3290];
+    let white = Radiance::filled(1, 1, [x / y, 1.0, (1.0 - x - y) / y]);
+    let mut file = exr_image((1, 1), planes(&white, FlatSamples::F32), Encoding::UNCOMPRESSED);
+    let value = AttributeValue::Text(Text::from("lin_ciexyzd65_scene"));
+    file.layer_data.attributes.other.insert(Text::from("colorInteropID"), value);
+    let decoded = decode(&exr_bytes(&file), &UNSAID).unwrap();
+    assert!(decoded.image.pixels[0].iter().all(|v| (v - 1.0).abs() < 1e-4), "{:?}", decoded.image.pixels[0]);
+}
+
+#[test]
+fn written_files_name_their_space() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    for (space, id) in [(ColorSpace::AcesCg, "lin_ap1_scene"), (ColorSpace::DisplaySrgb, "srgb_rec709_display")] {
+        write_exr(&path, &radiance(4, 3), &ExrOptions { color_space: space, ..ExrOptions::default() }).unwrap();
+        assert_eq!(luxel_io::read_exr_attributes(&path).unwrap().texts["colorInteropID"], id);
+    }
 }
 
 #[test]

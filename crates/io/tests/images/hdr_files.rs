@@ -35,10 +35,20 @@ fn radiance_hdr_is_read_and_its_exposure_divided_out() {
     ] {
         assert_eq!(decode(&file(header), &UNSAID).unwrap().image.pixels, [expected; 2], "{header}");
     }
-    for header in
-        ["#?RADIANCE\nEXPOSURE=0\n", "#?RADIANCE\nEXPOSURE=NaN\n", "#?RADIANCE\nPRIMARIES=1 2\n", "#?RADIANCE\nFORMAT=32-bit_rle_xyze\n"]
-    {
+    for header in ["#?RADIANCE\nPRIMARIES=1 2\n", "#?RADIANCE\nFORMAT=32-bit_rle_xyze\n"] {
         assert!(decode(&file(header), &UNSAID).is_err(), "{header}");
+    }
+    // Numbers that say nothing.
+    for (header, part) in [
+        ("#?RADIANCE\nEXPOSURE=0\n", "EXPOSURE=0 is no positive factor"),
+        ("#?RADIANCE\nEXPOSURE=NaN\n", "EXPOSURE=NaN"),
+        ("#?RADIANCE\nCOLORCORR=0 0 0\n", "COLORCORR=0"),
+        ("#?RADIANCE\nPRIMARIES=0 0 0 0 0 0 0 0\n", "not a colour space"),
+        ("#?RADIANCE\nPIXASPECT=0.75\n", "pixel aspect ratio is 1.3333"),
+    ] {
+        let decoded = decode(&file(header), &UNSAID).unwrap();
+        assert_eq!((decoded.image.pixels[0], decoded.color_space), ([1.0, 0.5, 0.0], None), "{header}");
+        assert!(decoded.warnings[0].contains(part), "{:?}", decoded.warnings);
     }
     let turned = b"#?RADIANCE\n\n+X 2 -Y 1\n\x80\x40\x00\x81\x80\x40\x00\x81";
     assert_eq!(decode(turned, &UNSAID).unwrap_err().kind, IoErrorKind::Unsupported);

@@ -69,10 +69,19 @@ fn png_transfer_is_said_or_read_but_not_guessed() {
     assert!((middle(&with_chunk(&gamma(45_455), b"cICP", &[1, 8, 0, 1]), &UNSAID) - linear).abs() < 1e-6);
     // The user goes before the file.
     assert!((middle(&gamma(100_000), &SRGB) - srgb).abs() < 1e-6);
-    let error = decode(&with_chunk(&png, b"cICP", &[9, 16, 0, 1]), &UNSAID).unwrap_err();
+    let error = decode(&with_chunk(&png, b"cICP", &[9, 1, 0, 1]), &UNSAID).unwrap_err();
     assert!(error.remedy.is_some_and(|remedy| remedy.to_string().contains("transfer")));
     let decoded = decode(&with_chunk(&png, b"cICP", &[12, 8, 0, 1]), &UNSAID).unwrap();
     assert_eq!(decoded.color_space, Some(ColorSpace::LinearDisplayP3));
+    // Curves of light beyond white, and the narrow range of video.
+    for (transfer, curve) in [(16, Transfer::Pq), (18, Transfer::Hlg)] {
+        let light = |sample: f64| curve.light(sample) as f32;
+        let middle = |full: u8| middle(&with_chunk(&png, b"cICP", &[9, transfer, 0, full]), &UNSAID);
+        let sample = f64::from(linear);
+        assert!((middle(1) / light(sample) - 1.0).abs() < 1e-4, "{curve}: {}", middle(1));
+        let narrow = (sample * 65535.0 / 256.0 - 16.0) / 219.0;
+        assert!((middle(0) / light(narrow) - 1.0).abs() < 1e-4, "{curve}: {}", middle(0));
+    }
 }
 
 #[test]

@@ -177,3 +177,169 @@ fn primaries_of_tiff_are_settled() {
     assert_eq!((nothing.color_space, nothing.image.pixels[0]), (None, [2.0; 3]));
     assert!(nothing.warnings[0].contains("not a colour space"), "{:?}", nothing.warnings);
 }
+
+/// A TIFF by hand: little-endian, rows of codes or floats of `bits` bits, in one strip or in tiles.
+struct RawTiff<'a> {
+    /// `[H, W, C]`.
+    samples: &'a [f32],
+    size: [usize; 2],
+    channels: usize,
+    bits: usize,
+    extra: &'a [u16],
+    predictor: u16,
+    tile: Option<usize>,
+    fill_order: u16,
+}
+
+impl RawTiff<'_> {
+    /// Returns a row of samples as bytes, after the predictor.
+    fn row(&self, row: &[f32]) -> Vec<u8> {
+        let c = self.channels;
+        let before = |i: usize| if self.predictor == 2 && i >= c { row[i - c] } else { 0.0 };
+        let mut bytes: Vec<u8> = match self.bits {
+            8 => (0..row.len()).map(|i| (row[i] as u8).wrapping_sub(before(i) as u8)).collect(),
+            16 => (0..row.len()).flat_map(|i| (row[i] as u16).wrapping_sub(before(i) as u16).to_le_bytes()).collect(),
+            32 if self.predictor == 3 => {
+                let planes: Vec<u8> = (0..4).flat_map(|byte| row.iter().map(move |v| v.to_be_bytes()[byte])).collect();
+                (0..planes.len()).map(|i| planes[i].wrapping_sub(if i >= c { planes[i - c] } else { 0 })).collect()
+            }
+            32 => row.iter().flat_map(|v| v.to_le_bytes()).collect(),
+            bits => {
+                let mut packed = vec![0u8; (row.len() * bits).div_ceil(8)];
+                let of_row = row.iter().flat_map(|v| (0..bits).rev().map(move |bit| *v as u32 >> bit & 1));
+                of_row.enumerate().filter(|(_, bit)| *bit == 1).for_each(|(i, _)| packed[i / 8] |= 0x80 >> (i % 8));
+                packed
+            }
+        };
+        if self.fill_order == 2 {
+            bytes.iter_mut().for_each(|byte| *byte = byte.reverse_bits());
+        }
+        bytes
+    }
+
+    fn blocks(&self) -> Vec<Vec<u8>> {
+        let [width, height] = self.size;
+        let [across, down] = self.tile.map_or(self.size, |tile| [tile; 2]);
+        let sample =
+            |x: usize, y: usize, c: usize| if x < width && y < height { self.samples[(y * width + x) * self.channels + c] } else { 0.0 };
+        let row = |left: usize, y: usize| {
+            let samples: Vec<f32> =
+                (left..left + across).flat_map(|x| (0..self.channels).map(move |c| (x, c))).map(|(x, c)| sample(x, y, c)).collect();
+            self.row(&samples)
+        };
+        let corners = (0..height).step_by(down).flat_map(|top| (0..width).step_by(across).map(move |left| (left, top)));
+        corners.map(|(left, top)| (top..top + down).flat_map(|y| row(left, y)).collect()).collect()
+    }
+
+    fn bytes(&self) -> Vec<u8> {
+        let blocks = self.blocks();
+        let (mut file, mut offsets) = (b"II*\0\0\0\0\0".to_vec(), Vec::new());
+        for block in &blocks {
+            offsets.push(file.len() as u32);
+            file.extend(block);
+        }
+        let lengths: Vec<u32> = blocks.iter().map(|block| block.len() as u32).collect();
+        let (c, format) = (self.channels, if self.bits == 32 { 3 } else { 1 });
+        let mut tags: Vec<(u16, Vec<u32>)> = vec![
+            (256, vec![self.size[0] as u32]),
+            (257, vec![self.size[1] as u32]),
+            (258, vec![self.bits as u32; c]),
+            (259, vec![1]),
+            (262, vec![if c >= 3 { 2 } else { 1 }]),
+            (266, vec![self.fill_order.into()]),
+            (277, vec![c as u32]),
+            (284, vec![1]),
+            (317, vec![self.predictor.into()]),
+            (339, vec![format; c]),
+        ];
+        if !self.extra.is_empty() {
+            tags.push((338, self.extra.iter().map(|v| u32::from(*v)).collect()));
+        }
+        match self.tile {
+            Some(tile) => tags.extend([(322, vec![tile as u32]), (323, vec![tile as u32]), (324, offsets), (325, lengths)]),
+            None => tags.extend([(273, offsets), (278, vec![self.size[1] as u32]), (279, lengths)]),
+        }
+        tags.sort();
+        let directory = file.len();
+        file[4..8].copy_from_slice(&(directory as u32).to_le_bytes());
+        let mut behind: Vec<u8> = Vec::new();
+        let start = directory + 2 + 12 * tags.len() + 4;
+        file.extend((tags.len() as u16).to_le_bytes());
+        for (tag, values) in tags {
+            // Sizes and places are of 32 bits, all else of 16.
+            let is_long = [256, 257, 273, 278, 279, 322, 323, 324, 325].contains(&tag);
+            let bytes: Vec<u8> = if is_long {
+                values.iter().flat_map(|v| v.to_le_bytes()).collect()
+            } else {
+                values.iter().flat_map(|v| (*v as u16).to_le_bytes()).collect()
+            };
+            file.extend(tag.to_le_bytes());
+            file.extend(if is_long { 4u16 } else { 3 }.to_le_bytes());
+            file.extend((values.len() as u32).to_le_bytes());
+            if bytes.len() <= 4 {
+                file.extend(bytes.iter().chain(&[0; 4]).take(4));
+            } else {
+                file.extend(((start + behind.len()) as u32).to_le_bytes());
+                behind.extend(&bytes);
+            }
+        }
+        file.extend([0; 4]);
+        file.extend(behind);
+        file
+    }
+}
+
+/// Returns whole codes below `most`, different in each channel.
+fn codes([width, height]: [usize; 2], channels: usize, most: usize) -> Vec<f32> {
+    (0..width * height * channels).map(|i| ((i * 37 + i / width * 11 + i % channels * 5) % most) as f32).collect()
+}
+
+#[test]
+fn extra_samples_do_not_move_the_colours() {
+    let size = [37, 19];
+    for (channels, extra) in [(4, &[0u16][..]), (5, &[2, 0]), (5, &[1, 0]), (5, &[0, 2]), (6, &[0, 0, 0])] {
+        for (bits, predictor) in [(8, 1), (8, 2), (16, 2), (32, 1), (32, 3)] {
+            for tile in [None, Some(16)] {
+                let samples = codes(size, channels, if bits == 8 { 256 } else { 40_000 });
+                let raw = RawTiff { samples: &samples, size, channels, bits, extra, predictor, tile, fill_order: 1 };
+                let decoded = decode(&raw.bytes(), &LINEAR).unwrap();
+                let top = if bits == 32 { 1.0 } else { ((1u32 << bits) - 1) as f32 };
+                let context = format!("{channels} channels, {extra:?}, {bits} bits, predictor {predictor}, tile {tile:?}");
+                for (found, expected) in decoded.image.pixels.iter().zip(samples.chunks(channels)) {
+                    assert!(
+                        (0..3).all(|c| (found[c] - expected[c] / top).abs() <= 1e-6 * expected[c]),
+                        "{context}: {found:?} {expected:?}"
+                    );
+                }
+                // The opacity is wherever the file says.
+                let at = extra.iter().position(|kind| *kind != 0);
+                assert_eq!(decoded.alpha.is_some(), at.is_some(), "{context}");
+                if let (Some(alpha), Some(at)) = (&decoded.alpha, at) {
+                    let expected = samples.chunks(channels).map(|pixel| pixel[3 + at] / top);
+                    assert!(alpha.iter().zip(expected).all(|(a, e)| (a - e).abs() <= 1e-6 * e), "{context}");
+                }
+            }
+        }
+    }
+    // Beside grey, too.
+    let samples = codes(size, 2, 256);
+    let raw = RawTiff { samples: &samples, size, channels: 2, bits: 8, extra: &[0], predictor: 1, tile: None, fill_order: 1 };
+    let decoded = decode(&raw.bytes(), &LINEAR).unwrap();
+    assert!(decoded.alpha.is_none() && (decoded.image.pixels[7][1] - samples[14] / 255.0).abs() < 1e-6);
+}
+
+#[test]
+fn grey_of_any_number_of_bits_is_read_in_both_orders_of_bits() {
+    let size = [37, 19];
+    for bits in [1usize, 2, 3, 4, 5, 6, 7, 8, 16] {
+        let most = (1usize << bits) - 1;
+        let samples = codes(size, 1, most + 1);
+        for fill_order in [1, 2] {
+            let raw = RawTiff { samples: &samples, size, channels: 1, bits, extra: &[], predictor: 1, tile: None, fill_order };
+            let decoded = decode(&raw.bytes(), &LINEAR).unwrap();
+            // Half a code of 8 bits: what fewer bits become.
+            let worst = decoded.image.pixels.iter().zip(&samples).map(|(f, e)| (f[0] - e / most as f32).abs()).fold(0.0, f32::max);
+            assert!(worst <= 0.5001 / 255.0, "{bits} bits, order {fill_order}: {worst}");
+        }
+    }
+}

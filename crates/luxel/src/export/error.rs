@@ -7,7 +7,7 @@
 //! - linear bake: renders of the scene in the bake's space are the reference; PSNR after the mu-law
 //!   with the scene's scale as 1, and the sum of absolute errors over the sum of radiance.
 
-use luxel_core::tone::{MU, mu_law, rec709_of};
+use luxel_core::tone::{MU, exposed_rec709, mu_law};
 use luxel_core::{Conversion, Dataset, Engine, Image, Scene};
 use luxel_io::{Appearance, Baked};
 
@@ -100,13 +100,13 @@ pub(super) fn reference(scene: &Scene, baked: &Baked, mut image: Image) -> Image
     match baked.appearance {
         Appearance::Display { tonemap, .. } => {
             for pixel in &mut image.pixels {
-                *pixel = tonemap.encode(rec709_of(scene.color_space, pixel.map(|c| c * baked.exposure)));
+                *pixel = tonemap.encode(exposed_rec709(scene.color_space, *pixel, baked.exposure));
             }
         }
         Appearance::Linear { color_space, .. } => {
             let conversion = Conversion::between(scene.color_space, color_space);
             for pixel in &mut image.pixels {
-                *pixel = conversion.apply(pixel.map(|c| c * baked.exposure));
+                *pixel = conversion.apply(scene.color_space.light(*pixel).map(|c| c * baked.exposure));
             }
         }
     }

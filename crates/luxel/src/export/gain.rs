@@ -12,7 +12,7 @@
 //! Degenerate: splats that no view shows keep their own tone-mapped colour; a channel without light
 //! takes the gain of a [`FAINTEST`] one.
 
-use luxel_core::tone::rec709_of;
+use luxel_core::tone::exposed_rec709;
 use luxel_core::{Camera, ColorSpace, Engine, Image, RenderOptions, SH_OFFSET, Scene, sh};
 use luxel_io::{Appearance, BakeOptions, Baked};
 
@@ -94,7 +94,7 @@ impl Gains {
 /// Returns the radiance of a render in normalised units as the curve takes it: exposed, in linear
 /// Rec.709.
 pub(super) fn exposed(scene: &Scene, baked: &Baked, image: &Image) -> Image {
-    let pixels = image.pixels.iter().map(|p| rec709_of(scene.color_space, p.map(|c| c * baked.exposure))).collect();
+    let pixels = image.pixels.iter().map(|p| exposed_rec709(scene.color_space, *p, baked.exposure)).collect();
     Image { pixels, ..*image }
 }
 

@@ -53,11 +53,13 @@ pub enum BakeKind {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bake {
-    /// Kind of colours; `None` for exact in PLY and GLB, linear in USD, display in SPZ.
+    /// Kind of colours; `None` for exact in PLY and GLB, linear in USD, display in SPZ and SOG, and for
+    /// colours that are a display's already.
     pub kind: Option<BakeKind>,
     /// Colour space of a linear bake; `None` for that of the scene, in GLB linear Rec.709.
     pub color_space: Option<ColorSpace>,
-    /// Curve of a display bake; `None` for AgX.
+    /// Curve of a display bake; `None` for AgX, and for colours that are a display's already, which
+    /// stay what they are.
     pub tonemap: Option<Tonemap>,
     /// Stops: on radiance in the units of the data set for linear and exact bakes, on top of its
     /// own exposure for a display bake.
@@ -111,15 +113,25 @@ impl Bake {
     /// Resolves what is left open for a format.
     fn plan(&self, path: &Path, scene: &Scene) -> Result<Plan> {
         let format = Format::from_path(path)?;
-        let kind = self.kind_in(format);
-        self.check(path, format, kind)?;
+        let is_display = !scene.color_space.is_linear();
+        // Harmonics of a display's colours without a conversion are a display bake.
+        let kind = match self.kind_in(format) {
+            BakeKind::Linear if is_display && self.color_space.is_none() => BakeKind::Display,
+            kind => kind,
+        };
+        self.check(path, format, if self.kind == Some(BakeKind::Linear) { BakeKind::Linear } else { kind })?;
+        if is_display && kind == BakeKind::Exact && self.exposure_ev != 0.0 {
+            let message = "the colours are a display's, whose exposure is a matter of a display bake";
+            return Err(Error::new(message).with_remedy(Remedy::set("bake", "display").or(Remedy::leave_out("exposure"))));
+        }
         let appearance = match kind {
             BakeKind::Linear => {
                 let default = if format == Format::Glb { ColorSpace::LinearRec709 } else { scene.color_space };
                 Appearance::Linear { color_space: self.color_space.unwrap_or(default), exposure_ev: self.exposure_ev }
             }
             BakeKind::Display | BakeKind::Exact => {
-                Appearance::Display { tonemap: self.tonemap.unwrap_or_default(), exposure_ev: self.exposure_ev }
+                let usual = if is_display { Tonemap::None } else { Tonemap::default() };
+                Appearance::Display { tonemap: self.tonemap.unwrap_or(usual), exposure_ev: self.exposure_ev }
             }
         };
         let options = BakeOptions { appearance, max_degree: self.max_degree };
@@ -276,7 +288,14 @@ pub fn export(
     let dataset = dataset.map(|dataset| dataset.in_frame(scene.world_from_local));
     let dataset = dataset.as_deref();
     choose_splats(&mut scene, options, dataset, engine, observer)?;
-    if let (Appearance::Display { exposure_ev, .. }, Some(dataset)) = (&mut plan.options.appearance, dataset)
+    let is_kept = plan.options.appearance.keeps(scene.color_space);
+    if is_kept {
+        observer.note(
+            "the colours of the scene are a display's (sRGB) and stay what they are; a tone curve, an exposure or a linear colour space changes them",
+        );
+    }
+    if let (Appearance::Display { exposure_ev, .. }, Some(dataset), true) =
+        (&mut plan.options.appearance, dataset, scene.color_space.is_linear())
         && let Some(found) = exposure::from_views(&scene, dataset, engine)?
     {
         *exposure_ev += (found / luxel_io::display_exposure(&scene)).log2();
@@ -286,6 +305,7 @@ pub fn export(
     match (options.bake.refine_steps, dataset) {
         (Some(0), _) => {}
         (Some(steps), Some(dataset)) => refine::refine(&mut baked, &scene, dataset, Refinement::explicit(steps), engine, observer)?,
+        (None, _) if is_kept => {}
         (Some(_), None) => return Err(Error::new("refinement needs views to compare with").with_remedy(Remedy::give("data"))),
         (None, Some(dataset)) if is_display => refine::refine(&mut baked, &scene, dataset, Refinement::DEFAULT, engine, observer)?,
         (None, None) if is_display => observer.note("no data set: the display bake is not refined, for which views are needed"),

@@ -100,7 +100,7 @@ pub fn write_with_refined_display(
     engine: &mut dyn Engine,
     observer: &dyn Observer,
 ) -> Result<()> {
-    let mut baked = Baked::new(scene, &BakeOptions { appearance: Appearance::PREVIEW, max_degree: 3 });
+    let mut baked = Baked::new(scene, &BakeOptions { appearance: Appearance::preview_of(scene.color_space), max_degree: 3 });
     refine(&mut baked, scene, dataset, Refinement { steps, is_bounded: true }, engine, observer)?;
     let unit = scene.world_from_local.scale();
     let mut scene = Cow::Borrowed(scene);

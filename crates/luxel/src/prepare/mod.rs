@@ -248,7 +248,7 @@ fn make_plan(options: &PrepareOptions, scan: &mut Selection) -> Result<(Plan, Op
     let unused_lines = options.exposures.as_ref().map(|list| exposures::apply(list, &mut scan.photos)).transpose()?.flatten();
     let mut plan = plan(&mut scan.photos, &options.plan())?;
     plan.notes.extend(unused_lines.map(PrepareNote::new));
-    let curve = choose_response(&mut plan, options.response, |views| response::thinned_brackets(views, &scan.photos))?;
+    let curve = choose_response(&mut plan, &scan.photos, options.response, |views| response::thinned_brackets(views, &scan.photos))?;
     Ok((plan, curve))
 }
 

@@ -53,7 +53,15 @@ struct Stream {
     /// Whether the matrix from luma and chroma to RGB is stated.
     has_matrix: bool,
     transfer: Option<Transfer>,
+    /// Width of a pixel to its height, where it is another.
+    aspect: Option<[u32; 2]>,
+    /// Whether a frame is woven of two fields of different times.
+    is_interlaced: bool,
 }
+
+/// Makes pixels square: the side that is too short for the picture is stretched.
+const SQUARE_PIXELS: &str = ",scale=w=if(gt(sar\\,1)\\,round(iw*sar)\\,iw):h=if(gt(sar\\,1)\\,ih\\,round(ih/sar))\
+                             :flags=bicubic+accurate_rnd+full_chroma_int+full_chroma_inp,setsar=1";
 
 impl Stream {
     /// Reads it from what ffmpeg says about a video's stream, a line such as `Video: hevc (Main
@@ -72,7 +80,9 @@ impl Stream {
         // Formats of more than 8 bits, and a few of fewer, say which byte comes first.
         let is_small = ["rgb565", "bgr565", "rgb555", "bgr555", "rgb444", "bgr444"].iter().any(|small| format.starts_with(small));
         let is_deep = (format.ends_with("le") || format.ends_with("be")) && !is_small;
-        Self { is_deep, has_matrix: colors().any(|color| MATRICES.contains(&color)), transfer }
+        let has_matrix = colors().any(|color| MATRICES.contains(&color));
+        let is_interlaced = ["top first", "bottom first", "top coded first", "bottom coded first"].into_iter().any(has);
+        Self { is_deep, has_matrix, transfer, aspect: pixel_aspect(video), is_interlaced }
     }
 
     /// Returns how ffmpeg makes RGB of its frames.
@@ -91,13 +101,18 @@ impl Stream {
         };
         let is_exact = self.is_deep || self.transfer.is_some();
         let filter = if is_exact { format!(",zscale={matrix}matrix=gbr:range=full,format={format}") } else { String::new() };
-        Conversion { filter, png }
+        Conversion { filter: filter + self.square(), png }
     }
 
     /// Returns how ffmpeg makes RGB of frames that zscale cannot convert, such as grey ones, or
     /// where ffmpeg has no zscale; `None` where that would not do, because the curve is steep.
     fn rougher_conversion(self) -> Option<Conversion> {
-        (self.is_deep && self.transfer.is_none()).then(|| Conversion { filter: String::new(), png: "rgb48be" })
+        (self.is_deep && self.transfer.is_none()).then(|| Conversion { filter: self.square().to_owned(), png: "rgb48be" })
+    }
+
+    /// Returns what makes its pixels square.
+    fn square(self) -> &'static str {
+        if self.aspect.is_some() { SQUARE_PIXELS } else { "" }
     }
 
     /// Returns what its frames are, for people; `given` is a curve that the caller names.
@@ -108,8 +123,19 @@ impl Stream {
             (None, Some(stated)) => format!(", read through {stated}, which the video states"),
             (None, None) => String::new(),
         };
-        format!("PNG with {bits} bits{curve}")
+        let stretched = self.aspect.map(|[a, b]| format!(", stretched to square pixels from {a}:{b}")).unwrap_or_default();
+        format!("PNG with {bits} bits{curve}{stretched}")
     }
+}
+
+/// Returns the width of a pixel to its height that ffmpeg states, `[SAR 4:3 DAR 16:9]`, where they
+/// differ.
+fn pixel_aspect(video: &str) -> Option<[u32; 2]> {
+    let (_, behind) = video.split_once("SAR ")?;
+    let (a, rest) = behind.split_once(':')?;
+    let b: String = rest.chars().take_while(char::is_ascii_digit).collect();
+    let aspect = [a.parse().ok()?, b.parse().ok()?];
+    (aspect[0] != aspect[1] && !aspect.contains(&0)).then_some(aspect)
 }
 
 /// The matrices by the names that ffmpeg prints.
@@ -167,6 +193,12 @@ pub(super) fn extract(options: &PrepareOptions, folders: &Folders, observer: &dy
     }
     std::fs::create_dir_all(&frames).with_context(|| format!("{}: cannot create", frames.display()))?;
     let stream = Stream::of_line(&described(options)?);
+    if stream.is_interlaced {
+        observer.warn(&format!(
+            "{}: interlaced, so that each frame is of two moments and shows combs where anything moves; deinterlace it first (ffmpeg -vf bwdif)",
+            video.display()
+        ));
+    }
     observer.note(&format!("measuring the sharpness of the frames of {}", video.display()));
     let sharpness = measured(options)?;
     if sharpness.is_empty() {
@@ -270,6 +302,16 @@ fn write_frames(options: &PrepareOptions, folder: &Path, conversion: &Conversion
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pixels_that_are_not_square_and_fields_are_seen() {
+        let line = "Stream #0:0: Video: h264 (High), yuv420p(tv, bt709, top first), 320x240 [SAR 4:3 DAR 16:9], 10 fps";
+        let stream = Stream::of_line(line);
+        assert!(stream.is_interlaced && stream.aspect == Some([4, 3]), "{stream:?}");
+        assert!(stream.conversion().filter.contains("round(iw*sar)") && stream.words(None).contains("from 4:3"));
+        let square = Stream::of_line("Video: h264, yuv420p(progressive), 320x240 [SAR 1:1 DAR 4:3], 10 fps");
+        assert!(!square.is_interlaced && square.aspect.is_none() && square.conversion().filter.is_empty());
+    }
 
     #[test]
     fn depth_and_curve_follow_from_the_stream() {

@@ -245,7 +245,7 @@ pub fn evaluate_scene(
 }
 
 fn check_color_space(path: &Path, dataset: &Dataset, scene: &Scene) -> Result<()> {
-    if dataset.color_space != scene.color_space {
+    if dataset.color_space != scene.color_space.linear() {
         bail!(
             "{}: images are in {}, the scene is in {}: metrics need one colour space; convert the images",
             path.display(),

@@ -51,7 +51,8 @@ pub(super) fn check_scene(dataset: &Dataset, scene: &Scene, config: &TrainConfig
         }
         return Ok(());
     }
-    if scene.color_space != dataset.color_space {
+    // The colours of a display are a start like any other: training makes light of them.
+    if scene.color_space.linear() != dataset.color_space {
         let reason = format!("it is {}, the data set {}", scene.color_space.name(), dataset.color_space.name());
         return refused(reason, Some(Remedy::set("freeze", "geometry").or(Remedy::advice("convert the scene with luxel export"))));
     }

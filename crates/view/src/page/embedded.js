@@ -27,7 +27,7 @@ export class Embedded {
   isLocal = true;
   hasLenses = false;
   layersApart = false;
-  /** @type {Scene & { thumbnails: { [view: string]: string }, poster: string, chromaticities: [number, number][] }} */ facts = JSON.parse(textOf("luxel-scene"));
+  /** @type {Scene & { thumbnails: { [view: string]: string }, poster: string, chromaticities: [number, number][], color_interop_id: string }} */ facts = JSON.parse(textOf("luxel-scene"));
   /** @type {Promise<LocalPictures> | null} */ pictures = null;
   /** Why there is no picture; "" once there is one. */ failure = "";
   /** Called when that changes. */ changed = () => {};

@@ -65,8 +65,8 @@ class Writer {
   }
 }
 
-/** @param {Frame} frame @param {Channel[]} channels @param {Chromaticities} chromaticities */
-function header({ head: { width, height } }, channels, chromaticities) {
+/** @param {Frame} frame @param {Channel[]} channels @param {Chromaticities} chromaticities @param {string} space */
+function header({ head: { width, height } }, channels, chromaticities, space) {
   const writer = new Writer();
   writer.bytes.push(...MAGIC);
   writer.attribute("channels", "chlist", (list) => {
@@ -77,6 +77,7 @@ function header({ head: { width, height } }, channels, chromaticities) {
     list.bytes.push(0);
   });
   writer.attribute("chromaticities", "chromaticities", (all) => all.floats(...chromaticities.flat()));
+  writer.attribute("colorInteropID", "string", (one) => one.bytes.push(...new TextEncoder().encode(space)));
   writer.attribute("compression", "compression", (one) => one.bytes.push(ZIP.number));
   for (const name of ["dataWindow", "displayWindow"]) writer.attribute(name, "box2i", (box) => box.ints(0, 0, width - 1, height - 1));
   writer.attribute("lineOrder", "lineOrder", (one) => one.bytes.push(0));
@@ -98,12 +99,12 @@ async function deflated(raw) {
   return packed.length < raw.length ? packed : raw;
 }
 
-/** Encodes a picture whose colour space has these chromaticities of R, G, B and white. @param {Frame} frame @param {Chromaticities} chromaticities @returns {Promise<Blob>} */
-export async function encodeExr(frame, chromaticities) {
+/** Encodes a picture whose colour space has these chromaticities of R, G, B and white. `space` is its name, of the Color Interop Forum. @param {Frame} frame @param {Chromaticities} chromaticities @param {string} space @returns {Promise<Blob>} */
+export async function encodeExr(frame, chromaticities, space) {
   const { width, height } = frame.head;
   const channels = channelsOf(frame);
   const lineBytes = width * channels.reduce((sum, { bytes }) => sum + bytes, 0);
-  const head = header(frame, channels, chromaticities);
+  const head = header(frame, channels, chromaticities, space);
   const starts = Array.from({ length: Math.ceil(height / ZIP.lines) }, (_, i) => i * ZIP.lines);
   const blocks = await Promise.all(starts.map(async (start) => {
     const lines = Math.min(ZIP.lines, height - start);

@@ -61,7 +61,7 @@ export class Saving {
     if (!(source instanceof Embedded)) return;
     try {
       const frame = await source.frame(still.lens, picture);
-      if (frame) download(URL.createObjectURL(await encodeExr(frame, source.facts.chromaticities)), "view.exr");
+      if (frame) download(URL.createObjectURL(await encodeExr(frame, source.facts.chromaticities, source.facts.color_interop_id)), "view.exr");
     } catch (error) {
       byId("save-text").textContent = /** @type {Error} */ (error).message;
     }

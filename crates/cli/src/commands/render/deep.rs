@@ -67,10 +67,11 @@ pub(super) fn write(args: &RenderArgs, scene: &Scene, job: &Job, engine: &mut dy
 
 /// Converts samples to radiance of the output's colour space, and depths to the world's unit.
 fn in_units_of_the_data(args: &RenderArgs, scene: &Scene, mut image: DeepImage) -> DeepImage {
-    let conversion = Conversion::between(scene.color_space, super::color_space(args, scene));
+    let to = super::color_space(args, scene);
+    let conversion = Conversion::between(scene.color_space, to);
     let unit = scene.world_from_local.scale() as f32;
     for sample in image.pixels.iter_mut().flatten() {
-        sample.radiance = conversion.apply(scene.radiance_scale.restored(sample.radiance));
+        sample.radiance = conversion.apply(scene.color_space.towards(to, scene.radiance_scale.restored(sample.radiance)));
         sample.depth = sample.depth.map(|z| z * unit);
     }
     image

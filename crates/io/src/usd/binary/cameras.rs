@@ -9,7 +9,7 @@ use crate::usd::ORDER;
 use crate::usd::cameras::{OPERATION, PROPERTIES, Timed, Transform, UsdCamera, UsdCameras};
 
 /// The number of the specifier of classes, which are templates.
-const CLASS: u64 = 2;
+pub(super) const CLASS: u64 = 2;
 
 /// The values of a prim's attributes.
 #[derive(Default)]
@@ -63,20 +63,31 @@ pub(in crate::usd) fn read_cameras(bytes: &[u8]) -> Result<UsdCameras, String> {
 }
 
 /// Returns the paths of the prims around a prim and its own, the outermost first.
-fn around(path: &str) -> impl Iterator<Item = &str> {
+pub(super) fn around(path: &str) -> impl Iterator<Item = &str> {
     path.match_indices('/').skip(1).map(|(at, _)| &path[..at]).chain([path])
 }
 
 /// Takes an attribute of a prim.
 fn take(file: &CrateReader<'_>, attribute: &Spec, name: &str, prim: &mut Attributes) -> Result<(), String> {
-    let timed =
-        || -> Result<Timed, String> { Ok(Timed { default: file.numbers(attribute, "default")?, samples: file.samples(attribute)? }) };
     match name {
-        ORDER => prim.transform.set_order(file.tokens(attribute)?.into_iter().map(str::to_owned).collect()),
         "projection" => prim.is_orthographic = file.token(attribute, "default") == Some("orthographic"),
-        _ if name.starts_with(OPERATION) => *prim.transform.op(name) = timed()?,
-        _ if PROPERTIES.contains(&name) => drop(prim.properties.insert(name.to_owned(), timed()?)),
-        _ => {}
+        _ if PROPERTIES.contains(&name) => drop(prim.properties.insert(name.to_owned(), timed(file, attribute)?)),
+        _ => take_transform(file, attribute, name, &mut prim.transform)?,
     }
     Ok(())
+}
+
+/// Takes an attribute of a prim that is a part of its transform; leaves others.
+pub(super) fn take_transform(file: &CrateReader<'_>, attribute: &Spec, name: &str, transform: &mut Transform) -> Result<(), String> {
+    if name == ORDER {
+        transform.set_order(file.tokens(attribute)?.into_iter().map(str::to_owned).collect());
+    } else if name.starts_with(OPERATION) {
+        *transform.op(name) = timed(file, attribute)?;
+    }
+    Ok(())
+}
+
+/// Returns the value of an attribute over time.
+fn timed(file: &CrateReader<'_>, attribute: &Spec) -> Result<Timed, String> {
+    Ok(Timed { default: file.numbers(attribute, "default")?, samples: file.samples(attribute)? })
 }

@@ -87,29 +87,6 @@ impl<'a> CrateReader<'a> {
         Ok(None)
     }
 
-    /// Returns three numbers of an attribute, rounded to 32 bits.
-    ///
-    /// # Errors
-    /// A value that is truncated, or no three numbers.
-    pub(super) fn triple(&self, spec: &Spec) -> Result<[f32; 3], String> {
-        let value = self.tables.field(spec, "default").filter(|value| !value.is_array());
-        let value = value.ok_or_else(|| format!("{}: no value, expected three numbers", spec.path))?;
-        // Small whole numbers are part of the value, eight bits each.
-        let [x, y, z, _] = (value.payload() as u32).to_le_bytes().map(|byte| f32::from(byte as i8));
-        match (value.kind(), value.is_inlined()) {
-            (kind::VEC3D | kind::VEC3F | kind::VEC3H, true) => Ok([x, y, z]),
-            (kind::VEC3D, false) => {
-                let bytes = self.cursor(value)?.take(24)?;
-                Ok([0, 1, 2].map(|i| f64::from_le_bytes(bytes.as_chunks::<8>().0[i]) as f32))
-            }
-            (kind::VEC3F, false) => {
-                let bytes = self.cursor(value)?.take(12)?;
-                Ok([0, 1, 2].map(|i| f32::from_le_bytes(bytes.as_chunks::<4>().0[i])))
-            }
-            _ => Err(format!("{}: not three numbers", spec.path)),
-        }
-    }
-
     /// Returns the floats of an attribute's array, entry after entry; quaternions as w, x, y, z.
     ///
     /// # Errors

@@ -1,14 +1,18 @@
 //! Splats in a crate file: a particle field of a bake, and the field that a file has.
 
+use std::collections::HashMap;
 use std::io::{self, Write};
 
 use glam::DVec3;
 
+use super::cameras::{CLASS, around, take_transform};
 use super::reader::CrateReader;
 use super::tables::Spec;
 use super::writer::{CrateWriter, FieldValue};
 use super::{kind, spec};
 use crate::bake::{Appearance, BakeRecord, Baked, RECORD_KEY};
+use crate::joined::MAX_PARTS;
+use crate::usd::cameras::{OPERATION, Transform};
 use crate::usd::field::{Field, is_read};
 use crate::usd::writer::{Prim, StageFacts, extent};
 use crate::usd::{DISPLAY_SPACE, ORDER, PRIM_TYPE, TRANSLATE, color_space_named, usd_name};
@@ -103,10 +107,10 @@ const NAMES: [&str; 12] = [
     "radiance:sphericalHarmonicsCoefficients",
 ];
 
-/// The particle field of a file, and the record of the bake in it.
+/// The particle fields of a file, and the record of the bake in it.
 #[derive(Debug)]
 pub(in crate::usd) struct FoundField {
-    pub(in crate::usd) field: Field,
+    pub(in crate::usd) fields: Vec<Field>,
     pub(in crate::usd) record: Option<String>,
 }
 
@@ -127,39 +131,43 @@ fn unsupported(message: String) -> BinaryError {
     BinaryError { message, is_unsupported: true }
 }
 
-/// Reads the particle field of a crate file's bytes.
+/// Reads the particle fields of a crate file's bytes.
 ///
 /// # Errors
-/// Damaged bytes; no field, or several; one that is transformed or changes over time.
+/// Damaged bytes; more fields than are read; one that changes over time.
 pub(in crate::usd) fn read(bytes: &[u8]) -> Result<FoundField, BinaryError> {
     let file = CrateReader::new(bytes)?;
     let specs = &file.tables.specs;
-    let is_field = |s: &&Spec| s.kind == spec::PRIM && file.token(s, "typeName") == Some(PRIM_TYPE);
-    let mut fields = specs.iter().filter(is_field);
-    let none = || format!("no prim of type {PRIM_TYPE}, expected one; splats of other types are not read");
-    let prim = fields.next().ok_or_else(none)?;
-    if let Some(second) = fields.next() {
-        return Err(unsupported(format!("{}: a second prim of type {PRIM_TYPE}, expected one; export them apart", second.path)));
+    // Prims within variants are not composed, and classes are templates.
+    let prims = || specs.iter().filter(|s| s.kind == spec::PRIM && !s.path.contains('{'));
+    let classes: Vec<&str> = prims().filter(|s| file.specifier(s) == Some(CLASS)).map(|s| s.path.as_str()).collect();
+    let is_template = |path: &str| around(path).any(|prim| classes.contains(&prim));
+    let is_field = |s: &&Spec| file.token(s, "typeName") == Some(PRIM_TYPE) && !is_template(&s.path);
+    let owners: Vec<&str> = prims().filter(is_field).map(|s| s.path.as_str()).collect();
+    if owners.len() > MAX_PARTS {
+        let message = format!("{} prims of type {PRIM_TYPE}, expected at most {MAX_PARTS}; join them first", owners.len());
+        return Err(unsupported(message));
     }
-    let mut field = Field::default();
+    let mut fields: HashMap<&str, Field> = owners.iter().map(|path| (*path, Field::default())).collect();
+    let mut transforms: HashMap<&str, Transform> = HashMap::new();
+    let is_around = |owner: &str| owners.iter().any(|path| around(path).any(|prim| prim == owner));
     for attribute in specs.iter().filter(|s| s.kind == spec::ATTRIBUTE) {
         let Some((owner, name)) = attribute.path.rsplit_once('.') else { continue };
-        let is_around = prim.path.strip_prefix(owner).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'));
-        if name == ORDER && is_around {
-            let order = file.tokens(attribute)?;
-            match order.as_slice() {
-                [] => {}
-                [TRANSLATE] if owner == prim.path => field.is_translated = true,
-                _ => return Err(unsupported(crate::usd::TRANSFORMED.to_owned())),
-            }
+        if (name == ORDER || name.starts_with(OPERATION)) && is_around(owner) {
+            take_transform(&file, attribute, name, transforms.entry(owner).or_default())?;
         }
-        if owner == prim.path {
-            take(&file, attribute, name, &mut field)?;
+        if let Some(field) = fields.get_mut(owner) {
+            take(&file, attribute, name, field)?;
         }
     }
+    let placed = owners.iter().filter_map(|path| {
+        let transforms = around(path).map(|prim| transforms.get(prim).cloned().unwrap_or_default()).collect();
+        Some(Field { transforms, ..fields.remove(path)? })
+    });
+    let fields = placed.collect();
     let root = specs.iter().find(|s| s.kind == spec::PSEUDO_ROOT);
     let record = root.map(|root| file.text_in_dictionary(root, "customLayerData", RECORD_KEY)).transpose()?.flatten();
-    Ok(FoundField { record: record.map(str::to_owned), field })
+    Ok(FoundField { record: record.map(str::to_owned), fields })
 }
 
 /// Takes an attribute of the field.
@@ -168,7 +176,6 @@ fn take(file: &CrateReader<'_>, attribute: &Spec, name: &str, field: &mut Field)
         return Err(unsupported(format!("{name:?}: splats that change over time, expected one value; export a single frame")));
     }
     match name {
-        TRANSLATE => field.translation = Some(file.triple(attribute)?),
         "radiance:sphericalHarmonicsDegree" => {
             let found = file.int(attribute);
             let degree = found.and_then(|degree| usize::try_from(degree).ok()).filter(|degree| *degree <= luxel_core::sh::MAX_DEGREE);

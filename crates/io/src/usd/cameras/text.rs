@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::io::BufRead;
 use std::path::Path;
 
-use super::{OPERATION, PROPERTIES, Sample, Timed, Transform, UsdCamera, UsdCameras, sorted};
+use super::{OPERATION, PROPERTIES, Timed, Transform, UsdCamera, UsdCameras};
 use crate::IoError;
 use crate::byte_order_mark::MARK;
 use crate::usd::ORDER;
@@ -150,12 +150,11 @@ impl<R: BufRead> Layer<'_, R> {
         }
         let (base, is_timed) = name.strip_suffix(".timeSamples").map_or((name.as_str(), false), |base| (base, true));
         if base == ORDER {
-            prim.transform.set_order(self.texts(base)?);
+            prim.transform.set_order(self.lexer.texts(base)?);
         } else if base.starts_with(OPERATION) {
-            let value = prim.transform.op(base);
-            self.timed(base, is_timed, value)?;
+            self.lexer.timed(base, is_timed, prim.transform.op(base))?;
         } else if PROPERTIES.contains(&base) {
-            self.timed(base, is_timed, prim.properties.entry(base.to_owned()).or_default())?;
+            self.lexer.timed(base, is_timed, prim.properties.entry(base.to_owned()).or_default())?;
         } else if base == "projection" && !is_timed {
             match self.lexer.next_on()? {
                 Token::Text(text) => prim.is_orthographic = text == "orthographic",
@@ -165,77 +164,5 @@ impl<R: BufRead> Layer<'_, R> {
             self.lexer.skip_value()?;
         }
         Ok(())
-    }
-
-    /// Reads a list of names.
-    fn texts(&mut self, name: &str) -> Result<Vec<String>, IoError> {
-        let opening = self.lexer.next_on()?;
-        if opening != Token::Mark(b'[') {
-            return Err(self.lexer.invalid(format_args!("{name:?} begins with {opening:?}, expected a list")));
-        }
-        let mut texts = Vec::new();
-        loop {
-            match self.lexer.next_on()? {
-                Token::Text(text) => texts.push(text),
-                Token::Mark(b',') => {}
-                Token::Mark(b']') => return Ok(texts),
-                other => return Err(self.lexer.invalid(format_args!("{name:?} has {other:?}, expected names in quotes"))),
-            }
-        }
-    }
-
-    /// Reads a value, or samples of it.
-    fn timed(&mut self, name: &str, is_timed: bool, out: &mut Timed) -> Result<(), IoError> {
-        if !is_timed {
-            out.default = self.values(name)?;
-            return Ok(());
-        }
-        let opening = self.lexer.next_on()?;
-        if opening != Token::Mark(b'{') {
-            return Err(self.lexer.invalid(format_args!("samples of {name:?} begin with {opening:?}, expected {{")));
-        }
-        out.samples.clear();
-        loop {
-            let word = match self.lexer.next_on()? {
-                Token::Mark(b'}') => break,
-                Token::Mark(b',') => continue,
-                Token::Word(word) => word,
-                other => return Err(self.lexer.invalid(format_args!("samples of {name:?} have {other:?}, expected a time"))),
-            };
-            let time = word.trim_end_matches(':').parse().ok().filter(|time: &f64| time.is_finite());
-            let time = time.ok_or_else(|| self.lexer.invalid(format_args!("a sample of {name:?} is at {word:?}, expected a time")))?;
-            if !word.ends_with(':') && self.lexer.next_on()? != Token::Word(":".to_owned()) {
-                return Err(self.lexer.invalid(format_args!("a sample of {name:?} has no colon behind its time")));
-            }
-            if let Some(values) = self.values(name)? {
-                out.samples.push(Sample { time, values });
-            }
-        }
-        out.samples = sorted(std::mem::take(&mut out.samples));
-        Ok(())
-    }
-
-    /// Reads a number, or the numbers of a tuple in a row; `None` for `None`.
-    fn values(&mut self, name: &str) -> Result<Option<Vec<f64>>, IoError> {
-        /// Numbers of a matrix of 4 x 4.
-        const MOST: usize = 16;
-        let mut values = Vec::new();
-        let mut depth = 0usize;
-        loop {
-            match self.lexer.next_on()? {
-                Token::Mark(b'(') if depth < 2 => depth += 1,
-                Token::Mark(b')') if depth > 0 => depth -= 1,
-                Token::Mark(b',') if depth > 0 => {}
-                Token::Word(word) if word == "None" && depth == 0 => return Ok(None),
-                Token::Word(word) if values.len() < MOST => {
-                    let value = word.parse().ok().filter(|v: &f64| v.is_finite());
-                    values.push(value.ok_or_else(|| self.lexer.invalid(format_args!("{name:?} has {word:?}, expected a number")))?);
-                }
-                other => return Err(self.lexer.invalid(format_args!("{name:?} has {other:?}, expected a number or a tuple"))),
-            }
-            if depth == 0 {
-                return Ok(Some(values));
-            }
-        }
     }
 }

@@ -37,12 +37,12 @@ impl Transform {
     }
 
     /// Returns whether the prims around are left out.
-    pub(super) fn is_reset(&self) -> bool {
+    pub(in crate::usd) fn is_reset(&self) -> bool {
         self.order.iter().any(|name| name == RESET)
     }
 
     /// Returns the matrix at a time, of points as columns.
-    pub(super) fn matrix(&self, time: Option<f64>) -> Result<DMat4, String> {
+    pub(in crate::usd) fn matrix(&self, time: Option<f64>) -> Result<DMat4, String> {
         let mut out = DMat4::IDENTITY;
         for name in self.order.iter().filter(|name| *name != RESET) {
             let (op, is_inverse) = name.strip_prefix(INVERT).map_or((name.as_str(), false), |op| (op, true));
