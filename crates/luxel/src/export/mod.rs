@@ -336,7 +336,13 @@ fn linear_with_gains(plan: &Plan, scene: &Scene, similarity: &Similarity) -> Opt
     let gain = std::mem::take(&mut trained.splats.gain);
     let mut baked = Baked::new(&trained, &plan.options);
     baked.transform(similarity);
-    baked.scene.splats.gain = gain;
+    let splats = &mut baked.scene.splats;
+    splats.gain = gain;
+    if plan.format == Format::Glb {
+        // As glTF holds them: with gains and without, the splats are the same.
+        splats.log_scale.as_flattened_mut().iter_mut().for_each(|s| *s = s.exp().max(f32::MIN_POSITIVE).ln());
+        splats.opacity_logit.iter_mut().for_each(|o| *o = luxel_core::logit(luxel_core::sigmoid(*o)));
+    }
     Some(baked.scene)
 }
 
