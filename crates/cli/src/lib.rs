@@ -177,8 +177,8 @@ fn dispatch(command: Command, explicit: &ExplicitArgs, words: &[OsString]) -> Re
     }
 }
 
-/// Sends what the libraries log to stderr: warnings and above, unless RUST_LOG lists other levels by
-/// target, such as `info,luxel_io=debug`.
+/// Sends what the libraries log to stderr: warnings and above, unless RUST_LOG lists other levels
+/// by target, such as `info,luxel_io=debug`.
 fn start_logging() {
     let stated = std::env::var("RUST_LOG").ok().and_then(|levels| levels.parse().ok());
     let filter = stated.unwrap_or_else(|| Targets::new().with_default(LevelFilter::WARN));

@@ -27,7 +27,8 @@ pub(crate) struct Shard {
     pub(crate) stats: Buffer,
 }
 
-/// Rows behind those of the parameters: the 3D filter, and the gains of edits, where a scene has any.
+/// Rows behind those of the parameters: the 3D filter, and the gains of edits, where a scene has
+/// any.
 const ROWS_BEYOND_PARAMETERS: usize = 2;
 
 /// Returns how many splats' parameters fit into a binding.

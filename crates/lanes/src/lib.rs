@@ -1,9 +1,9 @@
 //! The instruction sets that Luxel's kernels are compiled for, and the choice among them.
 //!
-//! A kernel is written once over `S: Simd`, sixteen numbers at a time. [`dispatch!`] compiles it for
-//! each set of [`Level`] and picks one at run time. Every set costs its share of the build and of the
-//! program, so there are three on x86-64 and one elsewhere. Processors with SSE4.2 but not AVX2 run
-//! the baseline, which gives the same bits.
+//! A kernel is written once over `S: Simd`, sixteen numbers at a time. [`dispatch!`] compiles it
+//! for each set of [`Level`] and picks one at run time. Every set costs its share of the build and
+//! of the program, so there are three on x86-64 and one elsewhere. Processors with SSE4.2 but not
+//! AVX2 run the baseline, which gives the same bits.
 
 mod level;
 

@@ -248,7 +248,7 @@ impl PyScene {
     /// "where L > p95 ~2; compress-above 2:4". Returns how many splats it selects.
     fn edit(&self, py: Python<'_>, edit: &str) -> PyResult<usize> {
         let edit: Edit = edit.parse().map_err(|error| invalid(format!("edit: {error}")))?;
-        // It lets go of an engine with threads.
+        // It drops an engine with threads.
         process::check()?;
         let applied = with_locked(py, &self.state, |state| {
             state.renderer = None;

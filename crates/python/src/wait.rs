@@ -15,8 +15,9 @@ const PATIENCE: Duration = Duration::from_millis(50);
 /// Stack of the thread, bytes: as much as decoders need.
 const STACK_BYTES: usize = 8 << 20;
 
-/// Runs `work` and returns its result; refused in a fork of a process that did so before. After Ctrl-C the exception is raised at once; the work,
-/// which cannot be stopped in between, comes to its end unseen.
+/// Runs `work` and returns its result; refused in a fork of a process that did so before. After
+/// Ctrl-C the exception is raised at once; the work, which cannot be stopped in between, comes to
+/// its end unseen.
 pub(crate) fn interruptible<T: Send + 'static>(py: Python<'_>, work: impl FnOnce() -> T + Send + 'static) -> PyResult<T> {
     process::check()?;
     let (sender, receiver) = channel();

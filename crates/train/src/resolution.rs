@@ -95,9 +95,9 @@ pub(crate) fn factor_at(stages: &[Stage], step: u32) -> u32 {
     stages.iter().rev().find(|stage| stage.after_step < step).map_or(1, |stage| stage.factor)
 }
 
-/// The work that a step does per splat, which does not depend on the resolution, as a part of what it
-/// does per pixel at full resolution with one sample a pixel. Large images have fewer splats a pixel
-/// than small ones, and runs begin with few: one number serves an estimate.
+/// The work that a step does per splat, which does not depend on the resolution, as a part of what
+/// it does per pixel at full resolution with one sample a pixel. Large images have fewer splats a
+/// pixel than small ones, and runs begin with few: one number serves an estimate.
 const WORK_PER_SPLAT: f64 = 0.2;
 
 /// Returns the work of `steps` (1 for the first), in steps at full resolution with one sample a

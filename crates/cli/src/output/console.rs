@@ -203,7 +203,8 @@ impl Console {
     pub(crate) fn step(&self, step: u32) {
         if let Some(bar) = &*self.bar.borrow() {
             bar.set_position(step.into());
-            // The first steps of many tell little, and those of a training cost less than the later ones.
+            // The first steps of many tell little, and those of a training cost less than the later
+            // ones.
             let is_known = u64::from(step) * LEAST_KNOWN >= bar.length().unwrap_or(0);
             if is_known && !self.has_numbers.get() {
                 bar.set_message(format!("{} left", text::duration(bar.eta())));

@@ -1,12 +1,12 @@
 //! Luminance maps on spherical harmonics of radiance: evaluate, map, fit again.
 //!
 //! In: `sh [K,3]` of a splat. Out: a gain, and the harmonics nearest to the mapped radiance before
-//! it, by least squares over [`DIRECTIONS`] fixed directions. The gain is the factor of the mean, so
-//! that cut-offs, which follow the radiance before it, stay; and more where the result would be
+//! it, by least squares over [`DIRECTIONS`] fixed directions. The gain is the factor of the mean,
+//! so that cut-offs, which follow the radiance before it, stay; and more where the result would be
 //! brighter than the splat was in some direction, so that it reaches no pixel that it did not.
-//! These harmonics do not separate luminance and hue, so a
-//! map other than a plain gain shifts hue: [`ShMap::Channels`] by definition, and both modes by
-//! what harmonics of the same degree cannot represent.
+//! These harmonics do not separate luminance and hue, so a map other than a plain gain shifts hue:
+//! [`ShMap::Channels`] by definition, and both modes by what harmonics of the same degree cannot
+//! represent.
 //!
 //! Harmonics of the radiance's logarithm ([`crate::ColorModel::LogSh`]) are fitted to the logarithm
 //! of the mapped radiance, which a power changes exactly.
@@ -158,8 +158,8 @@ impl Refit {
         (map.gain() * brighter, moved.sum::<f64>() / DIRECTIONS as f64)
     }
 
-    /// Returns by how much the radiance rose in the direction where it rose most, as far as cut-offs
-    /// follow it; at least 1.
+    /// Returns by how much the radiance rose in the direction where it rose most, as far as
+    /// cut-offs follow it; at least 1.
     fn brighter(&self, before: &[[f32; 3]], after: &[[f32; 3]]) -> f32 {
         let brightest = |rgb: &[f32; 3]| rgb.iter().copied().fold(self.same_reach, f32::max);
         before

@@ -5,8 +5,8 @@
 //! the target has it; its time is counted with `loss`. Passes that are not part of a step:
 //! `contribute` measures which splats a painted mask selects, and `evaluations` counts how many
 //! splats are blended. Both go through a block's splats with `visit_block`, in the order of
-//! `rasterize`. `normals` writes normals in place of radiance, which are then blended alike. `gain` is
-//! the light of edits, which scenes in training do not have.
+//! `rasterize`. `normals` writes normals in place of radiance, which are then blended alike. `gain`
+//! is the light of edits, which scenes in training do not have.
 //!
 //! Helpers: `picks` finds the splats of a block for `rasterize`; `changes` records which splats
 //! changed which pixels, for `rasterize_backward`; `sums` adds gradients up over the pixels of a

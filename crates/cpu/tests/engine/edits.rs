@@ -40,8 +40,8 @@ fn render(scene: &Scene, camera: &Camera) -> Image {
     engine.render(camera, &RenderOptions { raster: scene.raster, ..RenderOptions::default() }).unwrap()
 }
 
-/// Scenes under every colour model and both kinds of cut-offs, of splats below, between and above the
-/// radiances at which cut-offs follow it.
+/// Scenes under every colour model and both kinds of cut-offs, of splats below, between and above
+/// the radiances at which cut-offs follow it.
 fn scenes(camera: &Camera) -> Vec<Scene> {
     let lobed = ColorModel::Lcd { chroma_degree: 2, luminance_degree: 2, activation: Activation::Softplus };
     let (sh, log) = (ColorModel::Sh { degree: 3 }, ColorModel::LogSh { degree: 2 });
@@ -62,7 +62,8 @@ fn a_gain_multiplies_every_pixel_whatever_it_is() {
     for camera in [fixture::camera(64, 48), fixture::wide_camera(CameraProjection::Equirectangular, 64, 32)] {
         for before in scenes(&camera) {
             let found = render(&before, &camera);
-            // What is added is 0 or more, so that the roundings of some tens of splats are relative to the sum.
+            // What is added is 0 or more, so that the roundings of some tens of splats are relative
+            // to the sum.
             for gain in [1.0 / 1024.0, 0.03, 0.7, 3.0, 100.0, 1024.0] {
                 let edited = edited(&before, &format!("gain {gain}"));
                 let label = format!("{} {:?} {gain}", before.splats.color_model.name(), before.raster.cutoffs);

@@ -62,8 +62,8 @@ fn project(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_in
     var basis = sh_basis(min(camera.active_degree, MAX_LIGHT_DEGREE), direction.xyz);
     let radiance = radiance_of(response(&basis, i));
     let brightest = max(radiance.x, max(radiance.y, radiance.z));
-    // Cut-offs follow the radiance before the gains: a light of a mix is cut off as in its scene, and
-    // an edited splat as it was trained.
+    // Cut-offs follow the radiance before the gains: a light of a mix is cut off as in its scene,
+    // and an edited splat as it was trained.
     var gain = gain_of(i);
     if ((camera.flags & FLAG_EDIT_GAIN) != 0u) {
         gain *= parameter(ROW_EDIT_GAIN, i);

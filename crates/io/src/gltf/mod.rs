@@ -9,8 +9,8 @@
 //! [`EXTENSION`] within that extension holds the radiance model exactly: `colorModel`,
 //! `colorSpace`, `radianceScale`, `raster` as in the PLY's comments, and `attributes`, accessors of
 //! f32 that viewers do not load: `SH_n` (VEC3, n from 0 to K - 1: chromaticity or radiance
-//! harmonics), `RAW_LUMINANCE_n` (SCALAR), of an edited scene `GAIN` (SCALAR), and where a smoothing filter makes them differ,
-//! `FILTER`, `OPACITY_LOGIT` (SCALAR) and `LOG_SCALE` (VEC3).
+//! harmonics), `RAW_LUMINANCE_n` (SCALAR), of an edited scene `GAIN` (SCALAR), and where a
+//! smoothing filter makes them differ, `FILTER`, `OPACITY_LOGIT` (SCALAR) and `LOG_SCALE` (VEC3).
 //!
 //! Reading: every primitive of splats in the scene, transformed by its nodes (turns, uniform
 //! scales, translations); floats or normalised integers. The exact model takes precedence over the

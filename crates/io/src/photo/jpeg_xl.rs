@@ -1,6 +1,6 @@
 //! JPEG XL tiles of a DNG, by `jxl-oxide`. Out: integer samples on the scale of 8 bits, or of 16
-//! where the tile has more. Threads are the caller's business. Without the feature `jpeg-xl` tiles are
-//! refused.
+//! where the tile has more. Threads are the caller's business. Without the feature `jpeg-xl` tiles
+//! are refused.
 
 #[cfg(feature = "jpeg-xl")]
 use jxl_oxide::{AllocTracker, JxlImage, JxlThreadPool};

@@ -10,9 +10,9 @@
 //!   chromaticity harmonics (`lcd_s_*` radiance harmonics for `ColorModel::Sh`, `lcd_g_*` those of
 //!   its logarithm for `ColorModel::LogSh`, `lcd_m_*` those of all lights for `ColorModel::Mix`,
 //!   whose gains are among `lcd_l_*`), the deviation of a smoothing filter `lcd_filter`, the gains
-//!   of edits `lcd_gain`, and where the filter or a refined bake makes the standard ones differ, `lcd_opacity`, `lcd_log_scale_*`. Their
-//!   names keep away from `f_rest_`, `scale_` and `rot`, which the original reader counts by
-//!   prefix.
+//!   of edits `lcd_gain`, and where the filter or a refined bake makes the standard ones differ,
+//!   `lcd_opacity`, `lcd_log_scale_*`. Their names keep away from `f_rest_`, `scale_` and `rot`,
+//!   which the original reader counts by prefix.
 //!
 //! Comments `luxel KEY VALUE` of the header hold version, colour space, colour model, radiance
 //! scale and raster configuration, and one `edit` for each edit of light made since training; all
