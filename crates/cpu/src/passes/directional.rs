@@ -4,6 +4,8 @@
 //! positions and eyes. Sixteen splats are transposed to rows, on which core's formulas run.
 //! Degenerate: a splat at the eye is seen from no direction; its gradient is finite.
 
+mod rows;
+
 use std::ops::Range;
 
 use fearless_simd::Simd;
@@ -12,102 +14,12 @@ use luxel_core::{ColorBasis, ColorModel, Real, each};
 use luxel_lanes::Level;
 use rayon::prelude::*;
 
+use self::rows::{FEW_ROWS, load_rows, row_count, store_rows};
 use crate::lanes::{LANES, Lanes, V, dot, outlined, with_simd};
 use crate::prefetch::fetch;
 
 /// Blocks of splats per chunk.
 const CHUNK: usize = 8;
-
-/// Rows of coefficients: those of one splat, rounded up to whole vectors.
-fn row_count(width: usize) -> usize {
-    width.next_multiple_of(LANES)
-}
-
-/// Rows that are copied number by number: fewer are not worth a transposition.
-const FEW_ROWS: usize = 4;
-
-/// Transposes up to sixteen splats of `stride` numbers each to the first `width` rows.
-#[inline(always)]
-fn load_rows<S: Simd>(simd: S, numbers: &[f32], stride: usize, width: usize, rows: &mut [Lanes]) {
-    outlined(
-        simd,
-        #[inline(always)]
-        || load_rows_inlined(simd, numbers, stride, width, rows),
-    );
-}
-
-#[inline(always)]
-fn load_rows_inlined<S: Simd>(simd: S, numbers: &[f32], stride: usize, width: usize, rows: &mut [Lanes]) {
-    if width <= FEW_ROWS {
-        for (lane, splat) in numbers.chunks_exact(stride).enumerate() {
-            rows.iter_mut().zip(&splat[..width]).for_each(|(row, number)| row.0[lane] = *number);
-        }
-        return;
-    }
-    let is_whole = numbers.len() == LANES * stride;
-    for (first, rows) in (0..width).step_by(LANES).zip(rows.chunks_mut(LANES)) {
-        if is_whole && first + LANES <= width {
-            let splats =
-                each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] i => V::load_slice(simd, &numbers[i * stride + first..]));
-            V::transpose(splats).into_iter().zip(rows).for_each(|(row, lanes)| row.store(lanes));
-            continue;
-        }
-        let mut block = [Lanes::ZERO; LANES];
-        for (splat, lanes) in numbers.chunks(stride).zip(&mut block) {
-            let numbers = &splat[first..width.min(first + LANES)];
-            lanes.0[..numbers.len()].copy_from_slice(numbers);
-        }
-        transpose(simd, &mut block);
-        rows.copy_from_slice(&block);
-    }
-}
-
-/// Transposes the first `width` rows to up to sixteen splats of `stride` numbers each, whose other
-/// numbers become 0.
-#[inline(always)]
-fn store_rows<S: Simd>(simd: S, rows: &[Lanes], width: usize, stride: usize, numbers: &mut [f32]) {
-    outlined(
-        simd,
-        #[inline(always)]
-        || store_rows_inlined(simd, rows, width, stride, numbers),
-    );
-}
-
-#[inline(always)]
-fn store_rows_inlined<S: Simd>(simd: S, rows: &[Lanes], width: usize, stride: usize, numbers: &mut [f32]) {
-    if width < stride {
-        numbers.chunks_exact_mut(stride).for_each(|splat| splat[width..].fill(0.0));
-    }
-    if width <= FEW_ROWS {
-        for (lane, splat) in numbers.chunks_exact_mut(stride).enumerate() {
-            splat[..width].iter_mut().zip(rows).for_each(|(number, row)| *number = row.0[lane]);
-        }
-        return;
-    }
-    let is_whole = numbers.len() == LANES * stride;
-    for (first, rows) in (0..width).step_by(LANES).zip(rows.chunks(LANES)) {
-        if is_whole && first + LANES <= width {
-            let rows = each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] i => V::load(simd, &rows[i]));
-            V::transpose(rows).into_iter().enumerate().for_each(|(i, splat)| splat.store_slice(&mut numbers[i * stride + first..]));
-            continue;
-        }
-        let mut block = [Lanes::ZERO; LANES];
-        block.copy_from_slice(rows);
-        transpose(simd, &mut block);
-        for (splat, lanes) in numbers.chunks_mut(stride).zip(&block) {
-            let numbers = &mut splat[first..width.min(first + LANES)];
-            numbers.copy_from_slice(&lanes.0[..numbers.len()]);
-        }
-    }
-}
-
-#[inline(always)]
-fn transpose<S: Simd>(simd: S, block: &mut [Lanes; LANES]) {
-    let rows = V::transpose(each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] i => { let row = &block[i]; V::load(simd, row) }));
-    for (row, lanes) in rows.into_iter().zip(block) {
-        row.store(lanes);
-    }
-}
 
 /// The coefficients and positions of a block, or the gradients by them.
 struct BlockRows {
