@@ -23,7 +23,7 @@ const LINEAR: &str = "lin_rec709_display";
 pub(super) fn log_scales(scales: &[[f32; 3]], warnings: &mut Vec<String>) -> Result<Vec<[f32; 3]>, String> {
     let is_none = |scale: &[f32; 3]| scale.iter().any(|s| *s < 0.0);
     let negative = scales.iter().filter(|s| is_none(s)).count();
-    if let Some(i) = scales.iter().position(|s| is_none(s)) {
+    if let Some(i) = scales.iter().position(is_none) {
         if 2 * negative <= scales.len() {
             return Err(format!(
                 "SCALE of splat {i} is {:?}, expected lengths of 0 or more, or logarithms, of which more than {negative} of {} splats would \

@@ -170,9 +170,9 @@ fn xmp(bytes: &[u8]) -> Option<Result<GainMap, &'static str>> {
     let numbers = |name: &str, absent: f32| -> Option<[f32; 3]> {
         let Some(text) = field(name) else { return Some([absent; 3]) };
         let values: Vec<f32> = text.split_whitespace().map_while(|word| word.parse().ok()).collect();
-        match values.as_slice() {
-            &[one] => Some([one; 3]),
-            &[r, g, b] => Some([r, g, b]),
+        match *values.as_slice() {
+            [one] => Some([one; 3]),
+            [r, g, b] => Some([r, g, b]),
             _ => None,
         }
     };
@@ -303,7 +303,7 @@ mod tests {
         let first = picture(255, 16, &[]);
         for description in [described("hdrgm:GainMapMin=\"1\" hdrgm:GainMapMax=\"3\""), iso_described(0x40)] {
             for (code, gain) in [(0u8, 2.0f32), (255, 8.0)] {
-                let decoded = read(&[first.clone(), picture(code, 4, &[description.clone()])].concat());
+                let decoded = read(&[first.clone(), picture(code, 4, std::slice::from_ref(&description))].concat());
                 let expected = (1.0 + 1.0 / 64.0) * gain - 1.0 / 64.0;
                 assert!(decoded.image.pixels.iter().flatten().all(|v| (v - expected).abs() < 1e-3), "{:?}", decoded.image.pixels[0]);
                 assert!(

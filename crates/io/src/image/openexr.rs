@@ -60,7 +60,7 @@ fn decode_with_id(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(D
     let (canvas, header, warnings) = draw(name, bytes, pick)?;
     let attributes = [&header.own_attributes.other, &header.shared_attributes.other];
     let id = attributes.into_iter().flatten().find_map(|(key, value)| match value {
-        AttributeValue::Text(text) if key.to_string() == interop_id::ATTRIBUTE => Some(text.to_string()),
+        AttributeValue::Text(text) if key.eq(interop_id::ATTRIBUTE) => Some(text.to_string()),
         _ => None,
     });
     Ok((canvas.finish(&header.shared_attributes, warnings), id.filter(|id| !id.is_empty())))

@@ -253,7 +253,7 @@ impl Picked<'_> {
         }
         let [pixel, channel] = if self.is_separate { [1, self.pixels] } else { [*stored, 1] };
         (0..self.pixels)
-            .flat_map(|i| picked.iter().filter_map(move |c| Some((i, *c))))
+            .flat_map(|i| picked.iter().map(move |c| (i, *c)))
             .filter_map(|(i, c)| samples.get(i * pixel + c * channel).copied())
             .collect()
     }

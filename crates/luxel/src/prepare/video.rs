@@ -317,15 +317,15 @@ mod tests {
     fn depth_and_curve_follow_from_the_stream() {
         let hdr = "Stream #0:0: Video: hevc (Main 10), yuv420p10le(tv, bt2020nc/bt2020/smpte2084), 3840x2160, 30 fps";
         let found = Stream::of_line(hdr);
-        assert_eq!(found, Stream { is_deep: true, has_matrix: true, transfer: Some(Transfer::Pq) });
+        assert_eq!(found, Stream { is_deep: true, has_matrix: true, transfer: Some(Transfer::Pq), aspect: None, is_interlaced: false });
         assert_eq!(found.words(None), "PNG with 16 bits, read through pq, which the video states");
         assert_eq!(found.words(Some(Transfer::LogC4)), "PNG with 16 bits, read through logc4");
         let log = "Stream #0:0: Video: prores (HQ), yuv422p10le(tv, bt709, progressive), 3840x2160";
-        assert_eq!(Stream::of_line(log), Stream { is_deep: true, has_matrix: true, transfer: None });
+        assert_eq!(Stream::of_line(log), Stream { is_deep: true, has_matrix: true, transfer: None, aspect: None, is_interlaced: false });
         let hlg = "Stream #0:0[0x1](und): Video: hevc (Main 10), yuv420p10le(tv, bt2020nc/bt2020/arib-std-b67), 1920x1080";
         assert_eq!(Stream::of_line(hlg).transfer, Some(Transfer::Hlg));
         let plain = "Stream #0:0[0x1](und): Video: h264 (High) (avc1 / 0x31637661), yuv420p(tv, bt709), 1080x1920";
-        assert_eq!(Stream::of_line(plain), Stream { is_deep: false, has_matrix: true, transfer: None });
+        assert_eq!(Stream::of_line(plain), Stream { is_deep: false, has_matrix: true, transfer: None, aspect: None, is_interlaced: false });
         assert_eq!(last_line("a\nInvalid data\n\n"), "Invalid data");
     }
 
