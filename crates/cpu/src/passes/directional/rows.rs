@@ -1,7 +1,7 @@
 //! Coefficients of sixteen splats as rows of lanes, and back.
 //!
-//! In: `[N, stride]` numbers, up to sixteen splats of them. Out: rows `[width, 16]`. Degenerate: the
-//! lanes of splats beyond the last are left as they are, or are zero.
+//! In: `[N, stride]` numbers, up to sixteen splats of them. Out: rows `[width, 16]`. Degenerate:
+//! the lanes of splats beyond the last are left as they are, or are zero.
 
 use fearless_simd::Simd;
 use luxel_core::each;
