@@ -61,7 +61,7 @@ fn above_black_db(metrics: &serde_json::Value, split: &str) -> f64 {
     mean["psnr_scene"].as_f64().unwrap() - mean["psnr_black_scene"].as_f64().unwrap()
 }
 
-/// The least that forty steps learn of the level of the radiance, all of which a black image misses.
+/// The least that forty steps learn of the level of the radiance, which a black image misses.
 const LEARNED_DB: f64 = 1.0;
 
 #[test]
