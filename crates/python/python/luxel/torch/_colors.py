@@ -7,10 +7,10 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from .._luxel import LuxelError
 from ._arrays import array, check, rasterizer
+from ._autograd import once_differentiable
 
 _MAX_DEGREE = 5
 

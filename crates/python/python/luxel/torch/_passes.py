@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from ._arrays import array, array_or_none, rasterizer
+from ._autograd import once_differentiable
 
 _PARTS = ("means2d", "covars2d", "conics", "depths", "opacities")
 
