@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::path::Path;
 
-use luxel_core::Scene;
+use luxel_core::{Antialias, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, Similarity, Splats};
 
 use crate::byte_order_mark::bytes_without_mark;
 use crate::read_file::{open_regular, read_file};
@@ -21,6 +21,20 @@ pub struct SceneFile {
 impl From<Scene> for SceneFile {
     fn from(scene: Scene) -> Self {
         Self { scene, warnings: Vec::new() }
+    }
+}
+
+/// Returns a scene of plain 3D Gaussian splatting, as other programs write it: colours of a display,
+/// that method's cut-offs.
+pub(crate) fn display_scene(splats: Splats, antialias: Antialias) -> Scene {
+    Scene {
+        splats,
+        radiance_scale: RadianceScale::ONE,
+        color_space: ColorSpace::DisplaySrgb,
+        raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias, ..RasterConfig::default() },
+        edits: Vec::new(),
+        world_from_local: Similarity::IDENTITY,
+        metres_per_unit: None,
     }
 }
 

@@ -10,12 +10,10 @@
 //! that is HDR already, another colour space, Apple's own) is named in a warning, and the first
 //! picture is read as it is.
 
-use std::path::Path;
-
 use luxel_core::Image;
 use roxmltree::{Document, Node};
 
-use super::jpeg::{segments, whole_length};
+use super::jpeg_markers::{segments, whole_length};
 use super::samples::SampleGrid;
 use crate::IoError;
 
@@ -56,13 +54,19 @@ pub(super) fn is_in(bytes: &[u8]) -> bool {
     find(bytes) != Found::Nothing
 }
 
-/// Applies the map of a file to the light of its first picture, or names it.
-pub(super) fn apply(name: &Path, bytes: &[u8], image: &mut Image, warnings: &mut Vec<String>) -> Result<(), IoError> {
+/// Applies the map of a file to the light of its first picture, or names it. `decode` returns the
+/// samples of the map's own picture.
+pub(super) fn apply(
+    bytes: &[u8],
+    decode: impl FnOnce(&[u8]) -> Result<(SampleGrid, Vec<u8>), IoError>,
+    image: &mut Image,
+    warnings: &mut Vec<String>,
+) -> Result<(), IoError> {
     match find(bytes) {
         Found::Nothing => {}
         Found::Named(why) => warnings.push(format!("its gain map is not applied: {why}; what is read is the picture for ordinary screens")),
         Found::Map(map, picture) => {
-            let (layout, codes) = super::jpeg::samples(name, picture)?;
+            let (layout, codes) = decode(picture)?;
             map.brighten(image, layout, &codes);
             let most = map.max.into_iter().fold(f32::MIN, f32::max).exp2();
             warnings.push(format!("its gain map is applied: light is relative to white, and up to about {most:.1} times as bright"));
@@ -262,6 +266,8 @@ impl Steps {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use super::super::{ReadOptions, decode_image, encode_jpeg};
     use super::*;
 

@@ -23,6 +23,7 @@ mod gain_map;
 pub(crate) mod guard;
 mod interop_id;
 mod jpeg;
+mod jpeg_markers;
 pub(crate) mod npy;
 pub(crate) mod openexr;
 mod plate;
@@ -299,7 +300,7 @@ pub fn holds_radiance(path: &Path) -> bool {
     }
     match Format::detect(path, &head) {
         Ok(Format::OpenExr | Format::Radiance | Format::Npy) => true,
-        Ok(Format::Tiff) => file.rewind().is_ok() && guard::contain(path, || Ok(tiff::is_float(file))).unwrap_or(false),
+        Ok(Format::Tiff) => file.rewind().is_ok() && guard::contain(path, || Ok(tiff_samples::is_float(file))).unwrap_or(false),
         Ok(Format::Dpx) => dpx::is_float(&head),
         Ok(Format::Png | Format::Jpeg) | Err(_) => false,
     }

@@ -24,7 +24,7 @@ use luxel_core::Chromaticities;
 use super::colorimetry::{conversion_to_rec709, settle_profile, settle_stated};
 use super::guard::check_size;
 use super::samples::{Curve, LINEAR, SampleGrid, aspect_warning, depth_warnings};
-use super::tiff_samples::{self, ReadSamples};
+use super::tiff_samples::{self, ReadSamples, explain};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
 use crate::tags::{Tags, endless_text};
@@ -46,14 +46,6 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
 /// Decodes the first image as codes over the largest one, in whatever primaries.
 pub(super) fn decode_codes(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
     decode_samples(name, bytes, &ReadOptions { transfer: Some(Transfer::Linear), layer: None })
-}
-
-/// Returns whether the samples of the first image are floating-point numbers.
-pub(super) fn is_float(file: impl Read + Seek) -> bool {
-    const FLOAT: u16 = 3;
-    let formats =
-        Decoder::new(BufReader::new(file)).ok().and_then(|mut d| d.find_tag_unsigned_vec::<u16>(Tag::SampleFormat).ok().flatten());
-    formats.is_some_and(|formats| formats.first() == Some(&FLOAT))
 }
 
 /// Returns the CIE xy of red, green, blue and white that the first image states, if they make a
@@ -179,13 +171,6 @@ pub(super) fn size(name: &Path, file: impl Read + Seek) -> Result<[u32; 2], IoEr
     let (width, height) = decoder.dimensions().map_err(|error| explain(name, &error))?;
     refuse_raw(name, &mut decoder)?;
     Ok([width, height])
-}
-
-pub(super) fn explain(name: &Path, error: &TiffError) -> IoError {
-    match error {
-        TiffError::UnsupportedError(_) => IoError::unsupported(name, format!("TIFF: {error}; export it as RGB with Deflate compression")),
-        _ => IoError::invalid(name, format!("TIFF: {error}; the file is damaged or cut short, copy or export it again")),
-    }
 }
 
 /// DNG 1.7, "DNGVersion".

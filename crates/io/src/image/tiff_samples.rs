@@ -13,7 +13,7 @@
 //! them.
 
 use std::borrow::Cow;
-use std::io::{Cursor, Read, Seek};
+use std::io::{BufReader, Cursor, Read, Seek};
 use std::path::Path;
 
 use ::tiff::decoder::{Decoder, DecodingResult, Limits};
@@ -22,7 +22,6 @@ use ::tiff::{ColorType, TiffError};
 
 use super::guard::check_block;
 use super::samples::SampleGrid;
-use super::tiff::{explain, is_float};
 use crate::IoError;
 use crate::memory::check_memory;
 use crate::tags::set_number;
@@ -256,5 +255,21 @@ impl Picked<'_> {
             .flat_map(|i| picked.iter().map(move |c| (i, *c)))
             .filter_map(|(i, c)| samples.get(i * pixel + c * channel).copied())
             .collect()
+    }
+}
+
+/// Returns whether the samples of the first image are floating-point numbers.
+pub(super) fn is_float(file: impl Read + Seek) -> bool {
+    const FLOAT: u16 = 3;
+    let formats =
+        Decoder::new(BufReader::new(file)).ok().and_then(|mut d| d.find_tag_unsigned_vec::<u16>(Tag::SampleFormat).ok().flatten());
+    formats.is_some_and(|formats| formats.first() == Some(&FLOAT))
+}
+
+/// Words an error of the library.
+pub(super) fn explain(name: &Path, error: &TiffError) -> IoError {
+    match error {
+        TiffError::UnsupportedError(_) => IoError::unsupported(name, format!("TIFF: {error}; export it as RGB with Deflate compression")),
+        _ => IoError::invalid(name, format!("TIFF: {error}; the file is damaged or cut short, copy or export it again")),
     }
 }

@@ -11,12 +11,13 @@
 
 use std::io::BufRead;
 
-use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, SH_OFFSET, Scene, Splats, logit, sh};
+use luxel_core::{Antialias, ColorModel, SH_OFFSET, Scene, Splats, logit, sh};
 
 use crate::IoError;
 use crate::ply::header::{Element, Header};
 use crate::ply::rows::{Whole, check_count, read_rows, read_whole_rows};
 use crate::ply::source::PlySource;
+use crate::scene_file::display_scene;
 
 /// Splats of a chunk.
 const CHUNK: usize = 256;
@@ -67,19 +68,8 @@ pub(super) fn read<R: BufRead>(source: &mut PlySource<'_, R>, header: &Header) -
         }
     }
     let splats = splats.ok_or_else(|| source.invalid("header", "no element \"vertex\""))?;
-    Ok(Scene {
-        splats,
-        radiance_scale: RadianceScale::ONE,
-        color_space: ColorSpace::DisplaySrgb,
-        raster: RasterConfig {
-            cutoffs: Cutoffs::PARITY,
-            antialias: if header.is_antialiased() { Antialias::Mip } else { Antialias::Off },
-            ..RasterConfig::default()
-        },
-        edits: Vec::new(),
-        world_from_local: luxel_core::Similarity::IDENTITY,
-        metres_per_unit: None,
-    })
+    let antialias = if header.is_antialiased() { Antialias::Mip } else { Antialias::Off };
+    Ok(display_scene(splats, antialias))
 }
 
 /// The bounds of a chunk: lower and upper, for position, log scale and colour.

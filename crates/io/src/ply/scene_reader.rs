@@ -4,7 +4,7 @@
 use std::io::BufRead;
 use std::path::Path;
 
-use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, SH_OFFSET, Scene, Similarity, Splats, sh};
+use luxel_core::{Antialias, ColorModel, ColorSpace, RadianceScale, RasterConfig, SH_OFFSET, Scene, Similarity, Splats, sh};
 
 use crate::IoError;
 use crate::bake::{BakeRecord, Origin, WorldRecord, place};
@@ -14,7 +14,7 @@ use crate::ply::rows::{beyond_line, check_count, read_rows, seek_element};
 use crate::ply::scene_writer::{EXACT_OPACITY, EXACT_SCALE, FRAME_COMMENT, GAIN, METRES_COMMENT, sh_prefix};
 use crate::ply::source::PlySource;
 use crate::ply::{COMMENT_TAG, FORMAT_VERSION, GAIN_VERSION, compressed, record};
-use crate::scene_file::SceneFile;
+use crate::scene_file::{SceneFile, display_scene};
 use crate::validity::{LeftOut, is_length, is_normalizable, is_usable};
 
 /// Reads a scene.
@@ -188,15 +188,7 @@ fn plain<R: BufRead>(source: &PlySource<'_, R>, header: &Header, element: &Eleme
     let others = (0..higher).flat_map(|m| (0..3).map(move |c| format!("f_rest_{}", c * higher + m)));
     let smoothing = element.position("filter_3D").map(|_| "filter_3D");
     let antialias = if smoothing.is_some() || header.is_antialiased() { Antialias::Mip } else { Antialias::Off };
-    let scene = Scene {
-        splats: Splats::empty(ColorModel::Sh { degree: degree as u8 }),
-        radiance_scale: RadianceScale::ONE,
-        color_space: ColorSpace::DisplaySrgb,
-        raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias, ..RasterConfig::default() },
-        edits: Vec::new(),
-        world_from_local: Similarity::IDENTITY,
-        metres_per_unit: None,
-    };
+    let scene = display_scene(Splats::empty(ColorModel::Sh { degree: degree as u8 }), antialias);
     let is_flat = has("scale_0") && has("scale_1") && !has("scale_2");
     let layout = SceneColumns {
         log_scale: if is_flat { FLAT_SCALE } else { STANDARD_SCALE },

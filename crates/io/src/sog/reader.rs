@@ -4,7 +4,7 @@ use std::io::Cursor;
 use std::path::Path;
 
 use image_webp::WebPDecoder;
-use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, Similarity, Splats, logit, sh};
+use luxel_core::{Antialias, ColorModel, Scene, Splats, logit, sh};
 use serde::Deserialize;
 
 use super::codebook::ENTRIES;
@@ -15,7 +15,7 @@ use crate::image::guard::contain;
 use crate::local_frame::settled;
 use crate::memory::check_memory;
 use crate::read_file::read_file;
-use crate::scene_file::SceneFile;
+use crate::scene_file::{SceneFile, display_scene};
 
 /// Name of the description in the archive.
 const META: &str = "meta.json";
@@ -117,15 +117,7 @@ pub(crate) fn decode(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
     }
     splats.validate().map_err(|e| invalid(e.to_string()))?;
     let antialias = if meta.antialias { Antialias::Mip } else { Antialias::Off };
-    let scene = Scene {
-        splats,
-        radiance_scale: RadianceScale::ONE,
-        color_space: ColorSpace::DisplaySrgb,
-        raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias, ..RasterConfig::default() },
-        edits: Vec::new(),
-        world_from_local: Similarity::IDENTITY,
-        metres_per_unit: None,
-    };
+    let scene = display_scene(splats, antialias);
     Ok(settled(scene, None).into())
 }
 

@@ -4,7 +4,7 @@ use std::io::Read;
 use std::path::Path;
 
 use flate2::read::GzDecoder;
-use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, Similarity, Splats, logit};
+use luxel_core::{Antialias, ColorModel, Scene, Splats, logit};
 
 use super::layout::{
     AXES_EXTENSION, FLAG_ANTIALIASED, FLAG_EXTENSIONS, FileAxes, HEADER, LEGACY_HEADER, MAGIC, block_bytes, unpack_color,
@@ -14,7 +14,7 @@ use crate::IoError;
 use crate::local_frame::settled;
 use crate::memory::check_memory;
 use crate::read_file::read_file;
-use crate::scene_file::SceneFile;
+use crate::scene_file::{SceneFile, display_scene};
 
 /// Bytes of splats that any file may claim, however short.
 const FREE_BYTES: u64 = 64 << 20;
@@ -64,15 +64,7 @@ fn decode(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
     let mut splats = splats(&head, &blocks);
     axes.apply(&mut splats);
     let antialias = if head.flags & FLAG_ANTIALIASED == 0 { Antialias::Off } else { Antialias::Mip };
-    let scene = Scene {
-        splats,
-        radiance_scale: RadianceScale::ONE,
-        color_space: ColorSpace::DisplaySrgb,
-        raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias, ..RasterConfig::default() },
-        edits: Vec::new(),
-        world_from_local: Similarity::IDENTITY,
-        metres_per_unit: None,
-    };
+    let scene = display_scene(splats, antialias);
     Ok(SceneFile { scene: settled(scene, None), warnings })
 }
 

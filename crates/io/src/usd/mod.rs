@@ -23,6 +23,8 @@ mod writer;
 
 use luxel_core::ColorSpace;
 
+use crate::image::color_interop_id;
+
 pub(crate) use binary::{MAGIC as BINARY_MAGIC, PACKAGE_MAGIC};
 pub use camera_layer::{StageCameras, StageChoice, StageMotion, decode_stage_cameras, is_usd, stage_cameras_text, write_stage_cameras};
 pub(crate) use cameras::UsdCamera;
@@ -42,12 +44,8 @@ const ORDER: &str = "xformOpOrder";
 /// Returns the name of a colour space in OpenUSD (the interoperability forum's).
 fn usd_name(space: ColorSpace) -> &'static str {
     match space {
-        ColorSpace::LinearRec709 => "lin_rec709_scene",
-        ColorSpace::LinearDisplayP3 => "lin_p3d65_scene",
-        ColorSpace::LinearRec2020 => "lin_rec2020_scene",
-        ColorSpace::Aces2065 => "lin_ap0_scene",
-        ColorSpace::AcesCg => "lin_ap1_scene",
         ColorSpace::DisplaySrgb => DISPLAY_SPACE,
+        linear => color_interop_id(linear),
     }
 }
 
