@@ -24,8 +24,8 @@ impl From<Scene> for SceneFile {
     }
 }
 
-/// Returns a scene of plain 3D Gaussian splatting, as other programs write it: colours of a display,
-/// that method's cut-offs.
+/// Returns a scene of plain 3D Gaussian splatting, as other programs write it: colours of a
+/// display, that method's cut-offs.
 pub(crate) fn display_scene(splats: Splats, antialias: Antialias) -> Scene {
     Scene {
         splats,

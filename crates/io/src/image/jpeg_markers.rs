@@ -1,7 +1,7 @@
 //! Markers of JPEG (ITU-T T.81, annex B): sizes, segments, the end of a picture.
 //!
-//! In: the bytes of a file, whose end may be missing. Out: what its markers say. Nothing is decoded.
-//! Degenerate: a walk ends where the bytes make no sense.
+//! In: the bytes of a file, whose end may be missing. Out: what its markers say. Nothing is
+//! decoded. Degenerate: a walk ends where the bytes make no sense.
 
 /// The content of the markers of ITU-T T.81 (annex B).
 #[derive(Clone, Debug, Default, PartialEq)]
