@@ -86,6 +86,45 @@ fn open_engine(args: &RenderArgs, source: &mut SceneSource, console: &Console) -
     Ok(OpenEngine { engine: implicit.into_engine(selected)?.engine, content })
 }
 
+/// Warns of a scene whose colours are no light.
+fn warn_of_display(args: &RenderArgs, scene: &Scene, console: &Console) {
+    if !color_space(args, scene).is_linear() {
+        console.warn(&format!(
+            "the colours of the scene are a display's (sRGB), not light: the OpenEXR files hold them as they are, and say so in colorInteropID; {} \
+             linear-rec709 makes light of them",
+            flag("output_color_space")
+        ));
+    }
+}
+
+/// Renders and writes the images of all jobs.
+fn make(
+    args: &RenderArgs,
+    scene: &Scene,
+    engine: &mut dyn Engine,
+    options: &RenderOptions,
+    jobs: &[&Job],
+    console: &Console,
+) -> Result<()> {
+    let mut too_bright = 0usize;
+    let mut progress = FrameProgress { observer: console, done: 0, total: u32::try_from(jobs.len()).unwrap_or(u32::MAX) };
+    for job in jobs {
+        let layers = render(args, engine, &job.camera, options).with_context(|| format!("cannot render {}", job.exr.display()))?;
+        let is_cut = deep::write(args, scene, job, engine, options)
+            .with_context(|| format!("cannot render the deep image of {}", job.exr.display()))?;
+        too_bright += usize::from(write(args, scene, job, layers)? || is_cut);
+        let deep = job.deep.as_ref().map(|deep| &deep.path);
+        progress.add(&job.name, std::iter::once(&job.exr).chain(&job.png).chain(deep).cloned().collect());
+    }
+    if too_bright > 0 {
+        console.warn(&format!(
+            "{} exceed 65504, the largest half float, and are cut there; leave --exr-type half out",
+            text::plural(too_bright, "image")
+        ));
+    }
+    Ok(())
+}
+
 /// Renders the images that are not there; `explicit` names the options that were given.
 pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(args.input.console.log_format, args.input.console.quiet);
@@ -105,13 +144,7 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     }
     let background = source.background(args.background);
     let scene = &source.scene;
-    if !color_space(args, scene).is_linear() {
-        console.warn(&format!(
-            "the colours of the scene are a display's (sRGB), not light: the OpenEXR files hold them as they are, and say so in colorInteropID; {} \
-             linear-rec709 makes light of them",
-            flag("output_color_space")
-        ));
-    }
+    warn_of_display(args, scene, &console);
     let raster = RasterConfig { samples: samples(args, scene, &console), ..scene.raster };
     let options = RenderOptions { raster, background, ..scene.render_options() };
     let cameras = (args.path.is_some() || args.write_cameras.is_some())
@@ -144,23 +177,7 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     if matches!(content, Content::Nothing) {
         engine.load(&scene.splats, None).context("cannot load the scene")?;
     }
-    let mut too_bright = 0usize;
-    let mut progress = FrameProgress { observer: &console, done: 0, total: u32::try_from(jobs.len()).unwrap_or(u32::MAX) };
-    for job in &jobs {
-        let layers =
-            render(args, engine.as_mut(), &job.camera, &options).with_context(|| format!("cannot render {}", job.exr.display()))?;
-        let is_cut = deep::write(args, scene, job, engine.as_mut(), &options)
-            .with_context(|| format!("cannot render the deep image of {}", job.exr.display()))?;
-        too_bright += usize::from(write(args, scene, job, layers)? || is_cut);
-        let deep = job.deep.as_ref().map(|deep| &deep.path);
-        progress.add(&job.name, std::iter::once(&job.exr).chain(&job.png).chain(deep).cloned().collect());
-    }
-    if too_bright > 0 {
-        console.warn(&format!(
-            "{} exceed 65504, the largest half float, and are cut there; leave --exr-type half out",
-            text::plural(too_bright, "image")
-        ));
-    }
+    make(args, scene, engine.as_mut(), &options, &jobs, &console)?;
     let text = format!("{} in {}", text::plural(jobs.len(), "new image"), args.output.display());
     let mut facts = json!({ "output": args.output.display().to_string(), "frames": all.len(), "new_frames": jobs.len() });
     if let Some(video) = video {
