@@ -247,10 +247,23 @@ pub(crate) fn fill_rows<const N: usize>(rows: &mut [Lanes], numbers: &[[f32; N]]
     }
 }
 
-/// Runs `body` as a function of its own, compiled for the instruction set of `simd`: once, however
-/// many passes call it. For work on a block of splats, beside which a call costs nothing.
+/// Runs `$body` as a function of its own, compiled for the instruction set of `$simd`: once,
+/// however many passes call the function around it. For work on a block of splats, beside which a
+/// call costs nothing.
+macro_rules! outlined {
+    ($simd:expr => $body:expr) => {
+        $crate::lanes::run_outlined(
+            $simd,
+            #[inline(always)]
+            || $body,
+        )
+    };
+}
+pub(crate) use outlined;
+
+/// The function of [`outlined!`].
 #[inline(never)]
-pub(crate) fn outlined<S: Simd, R>(simd: S, body: impl FnOnce() -> R) -> R {
+pub(crate) fn run_outlined<S: Simd, R>(simd: S, body: impl FnOnce() -> R) -> R {
     simd.vectorize(body)
 }
 

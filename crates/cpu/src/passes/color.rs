@@ -24,25 +24,18 @@ pub(crate) struct BlockColor<S: Simd> {
 /// Computes the radiance of a block's splats.
 #[inline(always)]
 pub(crate) fn color<S: Simd>(simd: S, camera: &ScreenCamera, layout: ParameterRows, rows: &[Lanes]) -> BlockColor<S> {
-    outlined(
-        simd,
-        #[inline(always)]
-        || color_inlined(simd, camera, layout, rows),
-    )
-}
-
-#[inline(always)]
-fn color_inlined<S: Simd>(simd: S, camera: &ScreenCamera, layout: ParameterRows, rows: &[Lanes]) -> BlockColor<S> {
-    let direction = ViewDirection::new(simd, camera, rows).unit;
-    let model = layout.color_model;
-    let component = model.component(camera.light);
-    let basis = ColorBasis::new(camera.active_degree.min(component.light.max_degree()), direction);
-    let luminance = layout.luminance();
-    let raw_luminance = |m: usize| V::load(simd, &rows[luminance + m]);
-    let radiance = component.radiance(&basis, |m, c| V::load(simd, &rows[ParameterRows::SH + 3 * m + c]), raw_luminance);
-    let brightest = radiance[0].max(radiance[1]).max(radiance[2]);
-    match component.gain(raw_luminance) {
-        None => BlockColor { brightest, radiance },
-        Some(gain) => BlockColor { brightest, radiance: each!([0, 1, 2] i => { let c = radiance[i]; c * gain }) },
-    }
+    outlined!(simd => {
+        let direction = ViewDirection::new(simd, camera, rows).unit;
+        let model = layout.color_model;
+        let component = model.component(camera.light);
+        let basis = ColorBasis::new(camera.active_degree.min(component.light.max_degree()), direction);
+        let luminance = layout.luminance();
+        let raw_luminance = |m: usize| V::load(simd, &rows[luminance + m]);
+        let radiance = component.radiance(&basis, |m, c| V::load(simd, &rows[ParameterRows::SH + 3 * m + c]), raw_luminance);
+        let brightest = radiance[0].max(radiance[1]).max(radiance[2]);
+        match component.gain(raw_luminance) {
+            None => BlockColor { brightest, radiance },
+            Some(gain) => BlockColor { brightest, radiance: each!([0, 1, 2] i => { let c = radiance[i]; c * gain }) },
+        }
+    })
 }

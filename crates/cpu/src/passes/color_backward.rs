@@ -23,35 +23,21 @@ pub(crate) fn color_backward<S: Simd>(
     d_radiance: [V<S>; 3],
     out: &mut [Lanes],
 ) -> [V<S>; 3] {
-    outlined(
-        simd,
-        #[inline(always)]
-        || color_backward_inlined(simd, camera, layout, rows, d_radiance, out),
-    )
-}
-
-#[inline(always)]
-fn color_backward_inlined<S: Simd>(
-    simd: S,
-    camera: &ScreenCamera,
-    layout: ParameterRows,
-    rows: &[Lanes],
-    d_radiance: [V<S>; 3],
-    out: &mut [Lanes],
-) -> [V<S>; 3] {
-    let ViewDirection { unit: direction, inverse_distance } = ViewDirection::new(simd, camera, rows);
-    // Only models of one light are trained.
-    let light = layout.color_model.component(0).light;
-    let basis = ColorBasis::new(camera.active_degree.min(light.max_degree()), direction);
-    let luminance = layout.luminance();
-    let (sh_rows, luminance_rows) = out.split_at_mut(luminance);
-    let d_direction = light.backward(
-        &basis,
-        |m, c| V::load(simd, &rows[ParameterRows::SH + 3 * m + c]),
-        |m| V::load(simd, &rows[luminance + m]),
-        d_radiance,
-        |m, c, gradient| gradient.store(&mut sh_rows[ParameterRows::SH + 3 * m + c]),
-        |m, gradient| gradient.store(&mut luminance_rows[m]),
-    );
-    each!([0, 1, 2] i => { let d = d_direction[i]; d * inverse_distance })
+    outlined!(simd => {
+        let ViewDirection { unit: direction, inverse_distance } = ViewDirection::new(simd, camera, rows);
+        // Only models of one light are trained.
+        let light = layout.color_model.component(0).light;
+        let basis = ColorBasis::new(camera.active_degree.min(light.max_degree()), direction);
+        let luminance = layout.luminance();
+        let (sh_rows, luminance_rows) = out.split_at_mut(luminance);
+        let d_direction = light.backward(
+            &basis,
+            |m, c| V::load(simd, &rows[ParameterRows::SH + 3 * m + c]),
+            |m| V::load(simd, &rows[luminance + m]),
+            d_radiance,
+            |m, c, gradient| gradient.store(&mut sh_rows[ParameterRows::SH + 3 * m + c]),
+            |m, gradient| gradient.store(&mut luminance_rows[m]),
+        );
+        each!([0, 1, 2] i => { let d = d_direction[i]; d * inverse_distance })
+    })
 }

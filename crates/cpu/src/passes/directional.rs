@@ -109,14 +109,10 @@ impl BlockRows {
     /// Returns the radiance towards an eye.
     #[inline(always)]
     fn radiance<S: Simd>(&self, simd: S, formula: Formula, eye: [f32; 3]) -> [V<S>; 3] {
-        outlined(
-            simd,
-            #[inline(always)]
-            || match formula {
-                Formula::HARMONICS => self.radiance_of(simd, Formula::HARMONICS, eye),
-                formula => self.radiance_of(simd, formula, eye),
-            },
-        )
+        outlined!(simd => match formula {
+                        Formula::HARMONICS => self.radiance_of(simd, Formula::HARMONICS, eye),
+                        formula => self.radiance_of(simd, formula, eye),
+        })
     }
 
     #[inline(always)]
@@ -303,14 +299,10 @@ fn block_backward<S: Simd>(
     d_radiance: &[Lanes; 3],
     out: &mut BlockRows,
 ) -> [V<S>; 3] {
-    outlined(
-        simd,
-        #[inline(always)]
-        || match formula {
-            Formula::HARMONICS => block_backward_of(simd, Formula::HARMONICS, rows, eye, d_radiance, out),
-            formula => block_backward_of(simd, formula, rows, eye, d_radiance, out),
-        },
-    )
+    outlined!(simd => match formula {
+                Formula::HARMONICS => block_backward_of(simd, Formula::HARMONICS, rows, eye, d_radiance, out),
+                formula => block_backward_of(simd, formula, rows, eye, d_radiance, out),
+    })
 }
 
 #[inline(always)]

@@ -34,12 +34,8 @@ pub(crate) fn project_block<S: Simd>(
     smoothing: &[Lanes],
     out: &mut [Footprint],
 ) {
-    outlined(
-        simd,
-        #[inline(always)]
-        || match &camera.rays {
+    outlined!(simd => match &camera.rays {
             None => project::project_block(simd, camera, shape, block, smoothing, out),
             Some(rays) => project_rays::project_block(simd, camera, rays, shape, block, smoothing, out),
-        },
-    );
+    });
 }

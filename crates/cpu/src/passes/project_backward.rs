@@ -211,42 +211,80 @@ fn block_backward<S: Simd>(
     simd: S,
     camera: &ScreenCamera,
     inputs: &Inputs<'_>,
-    block: Block<'_>,
-    sums: &[V<S>; LANES],
-    out: &mut [Lanes],
-) -> BlockBackward<S> {
-    outlined(
-        simd,
-        #[inline(always)]
-        || block_backward_inlined(simd, camera, inputs, block, sums, out),
-    )
-}
-
-#[inline(always)]
-fn block_backward_inlined<S: Simd>(
-    simd: S,
-    camera: &ScreenCamera,
-    inputs: &Inputs<'_>,
     Block { index, rows }: Block<'_>,
     sums: &[V<S>; LANES],
     out: &mut [Lanes],
 ) -> BlockBackward<S> {
-    let c = |value: f32| V::splat(simd, value);
-    let [d_log_alpha, _, _, _, _, _, dr, dg, db, abs_u, abs_y, ..] = *sums;
-    let (p, facing) = project_again(simd, camera, inputs, Block { index, rows });
-    let d_radiance = match inputs.radiance_rows(index) {
-        None => [dr, dg, db],
-        Some(rows) => each!([0, 1, 2] c => { let row = &rows[c]; V::load(simd, row) }),
-    };
-    let mut d_position = color_backward(simd, camera, inputs.shape.layout, rows, d_radiance, out);
+    outlined!(simd => {
+        let c = |value: f32| V::splat(simd, value);
+        let [d_log_alpha, _, _, _, _, _, dr, dg, db, abs_u, abs_y, ..] = *sums;
+        let (p, facing) = project_again(simd, camera, inputs, Block { index, rows });
+        let d_radiance = match inputs.radiance_rows(index) {
+            None => [dr, dg, db],
+            Some(rows) => each!([0, 1, 2] c => { let row = &rows[c]; V::load(simd, row) }),
+        };
+        let mut d_position = color_backward(simd, camera, inputs.shape.layout, rows, d_radiance, out);
 
-    let root = p.inverse_root();
-    let EllipseGradient { d_mean, mut d_covariance } = moments_backward(root, sums);
-    let d_trace = d_covariance[0] + d_covariance[2];
-    if camera.filter.compensates_opacity {
-        compensation_backward(&p, d_log_alpha, &mut d_covariance);
-    }
-    let ShapeGradient { d_sigma, d_rotation, d_jacobian } = shape_backward(&p, d_covariance);
+        let root = p.inverse_root();
+        let EllipseGradient { d_mean, mut d_covariance } = moments_backward(root, sums);
+        let d_trace = d_covariance[0] + d_covariance[2];
+        if camera.filter.compensates_opacity {
+            compensation_backward(&p, d_log_alpha, &mut d_covariance);
+        }
+        let ShapeGradient { d_sigma, d_rotation, d_jacobian } = shape_backward(&p, d_covariance);
+        store_log_scales(simd, inputs, &p, d_sigma, d_log_alpha, out);
+        let d_opacity_logit = (c(1.0) - p.opacity) * p.opacity.mul_add(c(inputs.loss.opacity_weight / inputs.shape.count as f32), d_log_alpha);
+        d_opacity_logit.store(&mut out[ParameterRows::OPACITY]);
+        for (i, d) in d_rotation.into_iter().enumerate() {
+            finite(d).store(&mut out[ParameterRows::ROTATION + i]);
+        }
+        let PointGradient { d_point, d_focal_px } = match &facing {
+            None => point_backward(simd, camera, &p, d_jacobian, d_mean),
+            Some(facing) => {
+                let d_dilation = dilation_backward(camera, &p, d_trace, d_log_alpha);
+                let d_point = project_backward_rays::point_backward(simd, camera, facing, PlaneGradient { d_jacobian, d_mean, d_dilation });
+                PointGradient { d_point, d_focal_px: [c(0.0); 2] }
+            }
+        };
+        let by_projection = each!([0, 1, 2] i => {
+            let column = each!([0, 1, 2] row => c(camera.rotation[row][i]));
+            dot(column, d_point)
+        });
+        for (i, d) in d_position.iter_mut().enumerate() {
+            *d = *d + by_projection[i];
+            finite(*d).store(&mut out[ParameterRows::POSITION + i]);
+        }
+
+        // NDC spans 2 over the image's side. Absolute sums carry the rasteriser's constant twice:
+        // in u and v, and in its root.
+        let ndc = match &facing {
+            None => each!([0, 1] i => c(0.5 * camera.size_px[i] as f32)),
+            Some(facing) => [facing.ndc_radian(camera.size_px); 2],
+        };
+        let by_center = match inputs.measured {
+            MeasuredChannels::All => {
+                [d_mean, [root[0] * abs_u * (1.0 / SQRT_HALF_LOG2_E), abs_y * (1.0 / (SQRT_HALF_LOG2_E * SQRT_HALF_LOG2_E))]]
+            }
+            MeasuredChannels::FirstThree => [mean_backward(root, [abs_u, abs_y]), [c(0.0); 2]],
+        };
+        let norms = each!([0, 1] i => {
+            let (x, y) = (by_center[i][0] * ndc[0], by_center[i][1] * ndc[1]);
+            (x * x + y * y).sqrt().lanes()
+        });
+        BlockBackward {
+            norms,
+            camera: CameraParts {
+                by_projection: each!([0, 1, 2] i => { let d = by_projection[i]; finite(d) }),
+                by_focal_px: each!([0, 1] i => { let d = d_focal_px[i]; finite(d) }),
+            },
+        }
+    })
+}
+
+/// Stores the gradient by the logarithms of the standard deviations.
+#[inline(always)]
+fn store_log_scales<S: Simd>(simd: S, inputs: &Inputs<'_>, p: &Projection<S>, d_sigma: [V<S>; 3], d_log_alpha: V<S>, out: &mut [Lanes]) {
+    let c = |value: f32| V::splat(simd, value);
     for (k, d_sigma) in d_sigma.into_iter().enumerate() {
         // Without a filter sigma = raw, and this is d_sigma sigma; with it sigma^2 = raw^2 + f^2,
         // and the opacity's factor prod raw / sigma. Squares of the tiniest deviations vanish in
@@ -256,51 +294,6 @@ fn block_backward_inlined<S: Simd>(
         let mut d_log_scale = finite((d_sigma * p.sigma[k]).mul_add(share, d_log_alpha * (c(1.0) - share)));
         d_log_scale = p.raw_sigma[k].mul_add(c(inputs.loss.scale_weight / (3 * inputs.shape.count) as f32), d_log_scale);
         d_log_scale.store(&mut out[ParameterRows::LOG_SCALE + k]);
-    }
-    let d_opacity_logit = (c(1.0) - p.opacity) * p.opacity.mul_add(c(inputs.loss.opacity_weight / inputs.shape.count as f32), d_log_alpha);
-    d_opacity_logit.store(&mut out[ParameterRows::OPACITY]);
-    for (i, d) in d_rotation.into_iter().enumerate() {
-        finite(d).store(&mut out[ParameterRows::ROTATION + i]);
-    }
-    let PointGradient { d_point, d_focal_px } = match &facing {
-        None => point_backward(simd, camera, &p, d_jacobian, d_mean),
-        Some(facing) => {
-            let d_dilation = dilation_backward(camera, &p, d_trace, d_log_alpha);
-            let d_point = project_backward_rays::point_backward(simd, camera, facing, PlaneGradient { d_jacobian, d_mean, d_dilation });
-            PointGradient { d_point, d_focal_px: [c(0.0); 2] }
-        }
-    };
-    let by_projection = each!([0, 1, 2] i => {
-        let column = each!([0, 1, 2] row => c(camera.rotation[row][i]));
-        dot(column, d_point)
-    });
-    for (i, d) in d_position.iter_mut().enumerate() {
-        *d = *d + by_projection[i];
-        finite(*d).store(&mut out[ParameterRows::POSITION + i]);
-    }
-
-    // NDC spans 2 over the image's side. Absolute sums carry the rasteriser's constant twice: in u
-    // and v, and in its root.
-    let ndc = match &facing {
-        None => each!([0, 1] i => c(0.5 * camera.size_px[i] as f32)),
-        Some(facing) => [facing.ndc_radian(camera.size_px); 2],
-    };
-    let by_center = match inputs.measured {
-        MeasuredChannels::All => {
-            [d_mean, [root[0] * abs_u * (1.0 / SQRT_HALF_LOG2_E), abs_y * (1.0 / (SQRT_HALF_LOG2_E * SQRT_HALF_LOG2_E))]]
-        }
-        MeasuredChannels::FirstThree => [mean_backward(root, [abs_u, abs_y]), [c(0.0); 2]],
-    };
-    let norms = each!([0, 1] i => {
-        let (x, y) = (by_center[i][0] * ndc[0], by_center[i][1] * ndc[1]);
-        (x * x + y * y).sqrt().lanes()
-    });
-    BlockBackward {
-        norms,
-        camera: CameraParts {
-            by_projection: each!([0, 1, 2] i => { let d = by_projection[i]; finite(d) }),
-            by_focal_px: each!([0, 1] i => { let d = d_focal_px[i]; finite(d) }),
-        },
     }
 }
 
