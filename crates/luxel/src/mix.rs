@@ -42,12 +42,16 @@ pub struct MixInput {
 /// ```
 ///
 /// # Errors
-/// No scene, more than [`MAX_LIGHTS`] lights, a weight that is negative or not finite, or scenes
-/// that do not go together.
+/// No scene, more than [`MAX_LIGHTS`] lights, a weight that is negative or not finite, colours of a
+/// display, or scenes that do not go together.
 pub fn mix(inputs: Vec<MixInput>) -> Result<Scene> {
     for MixInput { name, scene, weight } in &inputs {
         if !(weight.is_finite() && *weight >= 0.0) {
             bail!("{name}: weight {weight}, expected a finite number, 0 or more: light adds, and none is negative");
+        }
+        if !scene.color_space.is_linear() {
+            let message = format!("{name}: its colours are a display's ({}), expected light: only light adds", scene.color_space.name());
+            return Err(Error::new(message).with_remedy(Remedy::advice("mix the scenes that luxel trained, and export the mix")));
         }
         scene.splats.validate().map_err(|error| Error::new(format!("{name}: {error}")))?;
     }
@@ -146,4 +150,20 @@ fn splat_difference(first: &Splats, other: &Splats) -> Option<String> {
         }
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use luxel_core::ColorSpace;
+
+    use super::*;
+
+    #[test]
+    fn colours_of_a_display_are_no_light_to_add() {
+        let scene = |color_space| Scene { color_space, ..crate::synthetic::room(20, 1).into_core() };
+        let mixed = |color_space| mix(["a", "b"].map(|name| MixInput { name: name.into(), scene: scene(color_space), weight: 0.5 }).into());
+        assert!(mixed(ColorSpace::LinearRec709).is_ok());
+        let error = mixed(ColorSpace::DisplaySrgb).unwrap_err();
+        assert!(error.to_string().starts_with("a: its colours are a display's (display-srgb), expected light"), "{error}");
+    }
 }
