@@ -70,6 +70,7 @@ pub mod machine;
 pub mod memory;
 pub mod mix;
 pub mod output;
+pub mod photograph;
 pub mod pick;
 pub mod prepare;
 pub mod preview;
