@@ -79,8 +79,10 @@ fn images_have_the_lens_and_the_shutter_that_are_asked_for() {
     let place = Workplace::new();
     place.train("run", &[]);
     place.ok(&["render", "run", "--path", "orbit", "--frames", "3", "-o", "sharp", "--exr-type", "float"]);
-    let path = ["render", "run", "--cameras", "sharp/cameras.json", "--exr-type", "float", "--lens-samples", "8"];
-    let lens = |more: &[&str]| [&path[..], more].concat();
+    fn lens<'a>(more: &[&'a str]) -> Vec<&'a str> {
+        let path = ["render", "run", "--cameras", "sharp/cameras.json", "--exr-type", "float", "--lens-samples", "8"];
+        [&path[..], more].concat()
+    }
     let told = place.notes(&lens(&["--aperture", "0.3", "--focus-at", "12,12", "--alpha", "--depth", "-o", "lens"]));
     assert!(told.contains("in focus: ") && told.contains("8 samples of the lens an image; estimated error"), "{told}");
     let (sharp, blurred) = (place.image("sharp/frame_00001.exr"), place.image("lens/frame_00001.exr"));
