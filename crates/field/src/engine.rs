@@ -11,8 +11,8 @@ use crate::threads::start_threads;
 
 /// Renders a field on some threads of the processor.
 pub struct FieldEngine {
-    field: Field,
-    threads: rayon::ThreadPool,
+    pub(crate) field: Field,
+    pub(crate) threads: rayon::ThreadPool,
 }
 
 impl FieldEngine {

@@ -14,12 +14,13 @@
 use std::sync::{Mutex, PoisonError};
 
 use glam::DVec2;
-use luxel_core::{Dataset, PixelValues};
+use luxel_core::{Dataset, Engine, PixelValues};
 use luxel_lanes::Level;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::adam::{Moving, Rate};
+use crate::engine::FieldEngine;
 use crate::error::FieldError;
 use crate::field::{Field, FieldArrays, FieldShape};
 use crate::head::MAX_CHANNELS;
@@ -99,7 +100,8 @@ pub struct FieldState {
 
 /// The training of a field.
 pub struct FieldTrainer {
-    field: Field,
+    /// The field, and the threads of steps and renders.
+    renderer: FieldEngine,
     state: FieldState,
     views: TrainingViews,
     moments: Moments,
@@ -107,7 +109,6 @@ pub struct FieldTrainer {
     tasks: Vec<Task>,
     /// Memory for tasks, one for each that ran at the same time.
     rooms: Mutex<Vec<TaskRoom>>,
-    threads: rayon::ThreadPool,
     level: Level,
 }
 
@@ -160,12 +161,18 @@ impl FieldTrainer {
         let mut tasks = Vec::new();
         tasks.resize_with(TASKS, Task::default);
         let gradient = vec![0.0; field.table.len()];
-        Self { field, state, views, moments, gradient, tasks, rooms: Mutex::default(), threads, level: Level::best() }
+        let renderer = FieldEngine { field, threads };
+        Self { renderer, state, views, moments, gradient, tasks, rooms: Mutex::default(), level: Level::best() }
     }
 
     /// Returns the field as it stands.
     pub fn field(&self) -> &Field {
-        &self.field
+        &self.renderer.field
+    }
+
+    /// Returns an engine that renders the field as it stands.
+    pub fn engine(&mut self) -> &mut dyn Engine {
+        &mut self.renderer
     }
 
     /// Returns the scalars of the state.
@@ -175,12 +182,12 @@ impl FieldTrainer {
 
     /// Returns the number of threads.
     pub fn threads(&self) -> usize {
-        self.threads.current_num_threads()
+        self.renderer.threads.current_num_threads()
     }
 
     /// Runs `work` on the training's threads.
     pub fn install<R: Send>(&self, work: impl FnOnce(&Field) -> R + Send) -> R {
-        self.threads.install(|| work(&self.field))
+        self.renderer.threads.install(|| work(&self.renderer.field))
     }
 
     /// Returns whether all steps are made.
@@ -196,8 +203,8 @@ impl FieldTrainer {
     /// Returns everything that is needed to continue.
     pub fn snapshot(&self) -> FieldSnapshot {
         FieldSnapshot {
-            shape: self.field.shape(),
-            arrays: self.field.arrays(),
+            shape: self.field().shape(),
+            arrays: self.field().arrays(),
             first: self.moments.first.clone(),
             second: self.moments.second.clone(),
             state: self.state,
@@ -213,17 +220,18 @@ impl FieldTrainer {
         let seed = random::bits(self.state.options.seed, u64::from(step));
         let rays = self.draw(seed);
         let (count, per_task) = (rays.len().max(1), rays.len().div_ceil(TASKS).max(1));
-        let networks = &self.field.networks;
-        let lifts = networks.head.lifts(networks.of_head(&self.field.weights));
+        let FieldEngine { field, threads } = &self.renderer;
+        let networks = &field.networks;
+        let lifts = networks.head.lifts(networks.of_head(&field.weights));
         let context = StepContext {
-            field: &self.field,
+            field,
             options: &self.state.options,
             lifts: lifts.as_ref(),
             share: (count as f32).recip(),
             distortion_weight: DISTORTION_WEIGHT,
         };
         let (level, tasks, rooms) = (self.level, &mut self.tasks, &self.rooms);
-        self.threads.install(|| {
+        threads.install(|| {
             tasks.par_iter_mut().enumerate().for_each(|(part, task)| {
                 let rays = rays.chunks(per_task).nth(part).unwrap_or(&[]);
                 let mut room = lock(rooms).pop().unwrap_or_default();
@@ -238,8 +246,8 @@ impl FieldTrainer {
         }
         self.update(step);
         if step.is_multiple_of(OCCUPANCY_EVERY) {
-            let (field, all) = (&mut self.field, step <= OCCUPANCY_ALL_UNTIL);
-            self.threads.install(|| field.update_occupancy(level, !seed, all));
+            let (FieldEngine { field, threads }, all) = (&mut self.renderer, step <= OCCUPANCY_ALL_UNTIL);
+            threads.install(|| field.update_occupancy(level, !seed, all));
         }
         let next = (count * SAMPLES_PER_STEP / samples.max(1)).clamp(RAYS[0], RAYS[1]);
         self.state.rays = next;
@@ -257,7 +265,7 @@ impl FieldTrainer {
 
     /// Draws the rays of a step.
     fn draw(&self, seed: u64) -> Vec<TrainingRay> {
-        let (space, scale) = (self.field.shape().space, self.state.options.radiance_scale);
+        let (space, scale) = (self.field().shape().space, self.state.options.radiance_scale);
         let draw = |index: usize| {
             let (training, pixel) = self.views.pixel(random::bits(seed, 2 * index as u64))?;
             let view = &training.view;
@@ -280,7 +288,7 @@ impl FieldTrainer {
                 },
             })
         };
-        self.threads.install(|| (0..self.state.rays).into_par_iter().filter_map(draw).collect())
+        self.renderer.threads.install(|| (0..self.state.rays).into_par_iter().filter_map(draw).collect())
     }
 
     /// Draws the channels behind a ray. They differ from step to step, so that only an opaque field
@@ -310,7 +318,7 @@ impl FieldTrainer {
         };
         let (rate, of_head) = (self.rate(of_field, step), self.rate(NETWORK_RATE, step));
         let objective = self.state.options.objective;
-        let Self { field, moments: Moments { first, second }, gradient, tasks, threads, level, .. } = self;
+        let Self { renderer: FieldEngine { field, threads }, moments: Moments { first, second }, gradient, tasks, level, .. } = self;
         let (level, table_len) = (*level, field.table.len());
         let (grid, tasks) = (&field.grid, &*tasks);
         let (first, first_weights) = first.split_at_mut(table_len);

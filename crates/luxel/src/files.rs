@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use luxel_io::{IoError, NamedArray};
+use luxel_train::{ArrayFile, FileArray};
 use serde::Serialize;
 
 use crate::Result;
@@ -13,7 +15,7 @@ use crate::schema::Document;
 /// # Errors
 /// The file cannot be written.
 pub fn write_bytes(path: &Path, content: &[u8]) -> Result<()> {
-    luxel_io::write_atomically(path, |out| out.write_all(content).map_err(|e| luxel_io::IoError::system(path, "write", &e)))?;
+    luxel_io::write_atomically(path, |out| out.write_all(content).map_err(|e| IoError::system(path, "write", &e)))?;
     Ok(())
 }
 
@@ -45,6 +47,16 @@ pub fn write_text(path: &Path, content: &str) -> Result<()> {
 pub fn write_json(path: &Path, document: Document, value: &impl Serialize) -> Result<()> {
     let content = serde_json::to_string_pretty(&document.versioned(value)).with_context(|| format!("{}: cannot encode", path.display()))?;
     write_text(path, &(content + "\n"))
+}
+
+/// Writes a file of arrays atomically.
+///
+/// # Errors
+/// The file cannot be written.
+pub(crate) fn write_arrays(path: &Path, file: &ArrayFile) -> Result<(), IoError> {
+    let arrays = file.arrays.iter().map(|FileArray { name, shape, values }| NamedArray { name, shape, values });
+    let arrays: Vec<NamedArray<'_>> = arrays.collect();
+    luxel_io::write_arrays(path, file.format, &file.description, &arrays)
 }
 
 /// Reads a text file of at most `limit` bytes, without a byte order mark.

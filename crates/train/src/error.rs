@@ -135,6 +135,9 @@ pub enum TrainError {
         /// The step, 1 for the first.
         step: u32,
     },
+    /// A part of a method that has errors of its own failed.
+    #[error(transparent)]
+    Method(Box<dyn std::error::Error + Send + Sync>),
     /// The checkpoint's trainer state cannot be read.
     #[error("checkpoint: trainer state: {0}")]
     State(String),
@@ -167,6 +170,11 @@ pub enum TrainError {
 }
 
 impl TrainError {
+    /// Returns the error of a method's own part as one of training.
+    pub fn of_method(error: impl std::error::Error + Send + Sync + 'static) -> Self {
+        Self::Method(Box::new(error))
+    }
+
     /// Returns what to do about the error.
     pub fn remedy(&self) -> Option<&Remedy> {
         match self {

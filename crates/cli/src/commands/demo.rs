@@ -10,7 +10,7 @@ use luxel::run::{Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLoc
 use luxel::{LoadOptions, files, output};
 use luxel_core::tone::Tonemap;
 use luxel_core::{Dataset, RadianceScale, View, luminance_rec709};
-use luxel_train::{NamedChoice, TrainConfig, Trainer};
+use luxel_train::{NamedChoice, Reconstruction, TrainConfig};
 use serde_json::json;
 
 use crate::args::DemoArgs;
@@ -64,7 +64,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
         console.interrupted(&format!("saved; continue with: luxel train --resume -o {}", folder.root().display()));
         return Ok(outcome);
     }
-    let pictures = pictures(&folder, &dataset, &mut trainer)?;
+    let pictures = pictures(&folder, &dataset, &mut *trainer)?;
     report_results(args, &folder, &pictures, &console)?;
     Ok(outcome)
 }
@@ -131,7 +131,7 @@ fn unpack(from: &Dir<'_>, to: &Path) -> Result<()> {
 
 /// Writes tone-mapped pictures of some test views and of their ground truth, exposed for the
 /// shadows and for the highlights.
-fn pictures(folder: &RunFolder, dataset: &Dataset, trainer: &mut Trainer) -> Result<Vec<PathBuf>> {
+fn pictures(folder: &RunFolder, dataset: &Dataset, trainer: &mut dyn Reconstruction) -> Result<Vec<PathBuf>> {
     let (options, scale) = (trainer.render_options(), trainer.radiance_scale());
     let count = dataset.test.len();
     let chosen = (0..PICTURES.min(count)).filter_map(|i| dataset.test.get((2 * i + 1) * count / (2 * PICTURES.min(count))));

@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use luxel::implicit::TrainedImplicit;
 use luxel::run::{
     ExplicitArgs, ImplicitKind, Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLock, TrainedRun, follow, fresh_over,
     resume_over,
@@ -95,9 +94,6 @@ fn lead(args: &TrainArgs, explicit: &ExplicitArgs, exchange: Box<dyn Exchange>) 
     #[cfg(not(feature = "view"))]
     let observer = &console;
     let launch = Launch { folder: &folder, observer, stop: interrupt::stop() };
-    if !method.stores_splats() {
-        return train_implicit(start, lock, launch, explicit, &console);
-    }
     let TrainedRun { outcome, config, mut trainer, steps, .. } = match start {
         Start::Fresh(config) => {
             let (engine, given) = (training_engine(&config)?, config.clone());
@@ -124,36 +120,6 @@ fn lead(args: &TrainArgs, explicit: &ExplicitArgs, exchange: Box<dyn Exchange>) 
         console.result(&profile::event(steps, timings), &profile::table(steps, timings))?;
     }
     finish(outcome, &folder, &config, &console)?;
-    Ok(outcome)
-}
-
-/// Trains a radiance field or anchors.
-fn train_implicit(start: Start, lock: Option<RunLock>, launch: Launch<'_>, explicit: &ExplicitArgs, console: &Console) -> Result<Outcome> {
-    let folder = launch.folder;
-    let TrainedImplicit { outcome, config } = match start {
-        Start::Fresh(config) => {
-            let (engine, load) = (training_engine(&config)?, config.load.clone());
-            let make_room = |dataset: &Dataset| {
-                data::check_color_space(dataset, &load, explicit).map_err(|error| luxel::Error::new(error.to_string()))?;
-                lock_free(folder)
-            };
-            luxel::implicit::fresh(config, engine, launch, make_room)?
-        }
-        Start::Replace(config, replaced) => {
-            let (engine, load) = (training_engine(&config)?, config.load.clone());
-            let make_room = |dataset: &Dataset| {
-                data::check_color_space(dataset, &load, explicit).map_err(|error| luxel::Error::new(error.to_string()))?;
-                clear_run(folder, replaced)
-            };
-            luxel::implicit::fresh(config, engine, launch, make_room)?
-        }
-        Start::Resume(config) => {
-            let lock = lock.map_or_else(|| folder.lock(), Ok)?;
-            let engine = training_engine(&config)?;
-            luxel::implicit::resume(config, engine, launch, lock)?
-        }
-    };
-    finish(outcome, folder, &config, console)?;
     Ok(outcome)
 }
 
@@ -303,9 +269,9 @@ fn finish(outcome: Outcome, folder: &RunFolder, config: &RunConfig, console: &Co
         return Ok(());
     }
     // As text: JSON has no form for a name that is not UTF-8.
-    let (kind, iterations) = (ImplicitKind::of(config.train.method), config.train.iterations);
-    let result = kind.map_or_else(|| folder.scene(iterations), |kind| folder.implicit(kind, iterations));
-    let [scene, metrics, report] = [result, folder.metrics(), folder.report()].map(|path| path.display().to_string());
+    let kind = ImplicitKind::of(config.train.method);
+    let [scene, metrics, report] = [folder.result(config.train.method, config.train.iterations), folder.metrics(), folder.report()]
+        .map(|path| path.display().to_string());
     let name = kind.map_or("scene", ImplicitKind::name);
     let text = format!("{name:7} {scene}\nmetrics {metrics}\nreport  {report}");
     console.finish_with_note(json!({ name: scene, "metrics": metrics, "report": report }), &text);

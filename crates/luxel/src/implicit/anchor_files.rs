@@ -4,8 +4,8 @@
 use std::path::Path;
 
 use luxel_core::{ColorModel, Knots, RESPONSE_KNOTS, RasterConfig, Scene};
-use luxel_io::{Arrays, IoError, NamedArray};
-use luxel_train::{AnchorArray, AnchorScene, AnchorSnapshot, TrainConfig};
+use luxel_io::Arrays;
+use luxel_train::{AnchorArray, AnchorScene, AnchorSnapshot, ArrayFile, FileArray, TrainConfig, TrainError};
 use serde::{Deserialize, Serialize};
 
 use super::place::PlaceRecord;
@@ -20,7 +20,7 @@ pub(super) const FORMAT: &str = "luxel-anchors";
 const RESPONSE: &str = "response";
 
 /// A run that can be continued.
-pub(super) struct AnchorCheckpoint {
+pub(crate) struct AnchorCheckpoint {
     pub(super) config: TrainConfig,
     pub(super) fingerprint: String,
     /// Number of steps done.
@@ -50,33 +50,33 @@ struct Description {
     training: Option<TrainingRecord>,
 }
 
-fn write_parts(
-    path: &Path,
+/// Returns the file of anchors alone.
+pub(super) fn of_scene(place: &Scene, scene: &AnchorScene, response: Option<&Knots>) -> Result<ArrayFile, TrainError> {
+    of_arrays(place, scene.color_model(), scene.arrays(), response, None)
+}
+
+/// Returns the file of a checkpoint.
+pub(super) fn of_run(place: &Scene, response: Option<&Knots>, checkpoint: AnchorCheckpoint) -> Result<ArrayFile, TrainError> {
+    let AnchorCheckpoint { config, fingerprint, step, snapshot: AnchorSnapshot { color_model, arrays, state_json } } = checkpoint;
+    of_arrays(place, color_model, arrays, response, Some(TrainingRecord { config, fingerprint, step, state: state_json }))
+}
+
+fn of_arrays(
     place: &Scene,
     color_model: ColorModel,
-    arrays: &[AnchorArray],
+    arrays: Vec<AnchorArray>,
     response: Option<&Knots>,
     training: Option<TrainingRecord>,
-) -> Result<(), IoError> {
+) -> Result<ArrayFile, TrainError> {
     let description = Description { color_model, raster: place.raster, place: PlaceRecord::of(place), training };
-    let description = serde_json::to_string(&description).map_err(|e| IoError::invalid(path, e))?;
-    let shapes: Vec<[usize; 2]> = arrays.iter().map(|array| [array.values.len() / array.width.max(1), array.width]).collect();
-    let named = arrays.iter().zip(&shapes).map(|(array, shape)| NamedArray { name: &array.name, shape, values: &array.values });
-    let of_response = response.map(|knots| NamedArray { name: RESPONSE, shape: &[3, RESPONSE_KNOTS], values: knots.as_flattened() });
-    luxel_io::write_arrays(path, FORMAT, &description, &named.chain(of_response).collect::<Vec<_>>())
-}
-
-/// Writes a scene alone.
-pub(super) fn write(path: &Path, place: &Scene, scene: &AnchorScene, response: Option<&Knots>) -> Result<(), IoError> {
-    write_parts(path, place, scene.color_model(), &scene.arrays(), response, None)
-}
-
-/// Writes a checkpoint.
-pub(super) fn write_checkpoint(path: &Path, place: &Scene, response: Option<&Knots>, checkpoint: &AnchorCheckpoint) -> Result<(), IoError> {
-    let AnchorCheckpoint { config, fingerprint, step, snapshot } = checkpoint;
-    let training =
-        TrainingRecord { config: config.clone(), fingerprint: fingerprint.clone(), step: *step, state: snapshot.state_json.clone() };
-    write_parts(path, place, snapshot.color_model, &snapshot.arrays, response, Some(training))
+    let description = serde_json::to_string(&description).map_err(|error| TrainError::State(error.to_string()))?;
+    let rows = |AnchorArray { name, width, values }| FileArray { name, shape: vec![values.len() / width.max(1), width], values };
+    let of_response = response.map(|knots| FileArray {
+        name: RESPONSE.to_owned(),
+        shape: vec![3, RESPONSE_KNOTS],
+        values: knots.as_flattened().to_vec(),
+    });
+    Ok(ArrayFile { format: FORMAT, description, arrays: arrays.into_iter().map(rows).chain(of_response).collect() })
 }
 
 /// Reads anchors, or those of a checkpoint.

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use luxel_core::Scene;
 use luxel_field::{Field, FieldArrays, FieldShape, FieldSnapshot, FieldState};
-use luxel_io::{Arrays, NamedArray};
-use luxel_train::TrainConfig;
+use luxel_io::Arrays;
+use luxel_train::{ArrayFile, FileArray, TrainConfig, TrainError};
 use serde::{Deserialize, Serialize};
 
 use super::place::PlaceRecord;
@@ -18,7 +18,7 @@ use crate::{Error, Result};
 pub(super) const FORMAT: &str = "luxel-field";
 
 /// A run that can be continued.
-pub(super) struct FieldCheckpoint {
+pub(crate) struct FieldCheckpoint {
     pub(super) training: TrainingRecord,
     pub(super) snapshot: FieldSnapshot,
 }
@@ -42,41 +42,30 @@ struct Description {
     training: Option<TrainingRecord>,
 }
 
-/// Writes a field alone.
-pub(super) fn write(path: &Path, place: &Scene, field: &Field) -> Result<(), luxel_io::IoError> {
-    write_parts(path, place, field.shape(), Parts { arrays: &field.arrays(), training: None })
+/// Returns the file of a field alone.
+pub(super) fn of_field(place: &Scene, field: &Field) -> Result<ArrayFile, TrainError> {
+    let FieldArrays { table, weights, occupancy } = field.arrays();
+    of_arrays(place, field.shape(), None, vec![("table", table), ("weights", weights), ("occupancy", occupancy)])
 }
 
-/// Writes a checkpoint.
-pub(super) fn write_checkpoint(
-    path: &Path,
+/// Returns the file of a checkpoint.
+pub(super) fn of_run(place: &Scene, snapshot: FieldSnapshot, training: TrainingRecord) -> Result<ArrayFile, TrainError> {
+    let FieldSnapshot { shape, arrays: FieldArrays { table, weights, occupancy }, first, second, .. } = snapshot;
+    let arrays =
+        vec![("table", table), ("weights", weights), ("occupancy", occupancy), ("moments.first", first), ("moments.second", second)];
+    of_arrays(place, shape, Some(training), arrays)
+}
+
+fn of_arrays(
     place: &Scene,
-    snapshot: &FieldSnapshot,
-    training: TrainingRecord,
-) -> Result<(), luxel_io::IoError> {
-    let FieldSnapshot { shape, arrays, first, second, .. } = snapshot;
-    write_parts(path, place, *shape, Parts { arrays, training: Some((training, [first, second])) })
-}
-
-/// The content of a file.
-struct Parts<'a> {
-    arrays: &'a FieldArrays,
-    /// State and moments.
-    training: Option<(TrainingRecord, [&'a Vec<f32>; 2])>,
-}
-
-fn write_parts(path: &Path, place: &Scene, shape: FieldShape, parts: Parts<'_>) -> Result<(), luxel_io::IoError> {
-    let Parts { arrays: FieldArrays { table, weights, occupancy }, training } = parts;
-    let mut named = vec![("table", table), ("weights", weights), ("occupancy", occupancy)];
-    let training = training.map(|(training, [first, second])| {
-        named.extend([("moments.first", first), ("moments.second", second)]);
-        training
-    });
+    shape: FieldShape,
+    training: Option<TrainingRecord>,
+    arrays: Vec<(&'static str, Vec<f32>)>,
+) -> Result<ArrayFile, TrainError> {
     let description = Description { shape, place: PlaceRecord::of(place), training };
-    let description = serde_json::to_string(&description).map_err(|e| luxel_io::IoError::invalid(path, e))?;
-    let shapes: Vec<[usize; 1]> = named.iter().map(|(_, values)| [values.len()]).collect();
-    let arrays: Vec<NamedArray<'_>> = named.iter().zip(&shapes).map(|((name, values), shape)| NamedArray { name, shape, values }).collect();
-    luxel_io::write_arrays(path, FORMAT, &description, &arrays)
+    let description = serde_json::to_string(&description).map_err(|error| TrainError::State(error.to_string()))?;
+    let arrays = arrays.into_iter().map(|(name, values)| FileArray { name: name.to_owned(), shape: vec![values.len()], values });
+    Ok(ArrayFile { format: FORMAT, description, arrays: arrays.collect() })
 }
 
 /// Reads a field, or that of a checkpoint.

@@ -1,35 +1,30 @@
 //! Training of scenes that are not stored as splats, with a run folder: radiance fields, and
 //! anchors, whose splats networks decode for each view.
 //!
-//! Such a run has the folder, events, log, metrics and report of any run ([`crate::run`]). Its
-//! checkpoints hold a scene and the state of its training, and `field/iteration_N/` or
-//! `anchors/iteration_N/` is what `point_cloud/` is for splats. Whatever needs splats refuses it by
-//! name ([`refuse`]).
+//! [`crate::run`] starts and drives such a run as any other. Its checkpoints hold a scene and the
+//! state of its training, and `field/iteration_N/` or `anchors/iteration_N/` is what `point_cloud/`
+//! is for splats. Whatever needs splats refuses it by name ([`refuse`]).
 //!
-//! In: a [`RunConfig`] of such a method, and a [`RunFolder`]. Out: a trained scene, in the folder.
-//! Fields and anchors are trained and rendered on the processor.
+//! In: a [`RunFolder`] of such a method. Out: its scene, as an engine that renders. Fields and
+//! anchors are trained and rendered on the processor.
 
 mod anchor_files;
+mod anchor_run;
 mod field_files;
-mod files;
-mod kept_renders;
-mod launch;
+mod field_run;
 mod newest;
 mod objective;
 mod place;
 mod scene;
-mod session;
-mod trainer;
+mod start;
 
 use std::path::Path;
 
-pub(crate) use kept_renders::KeptRenders;
-pub(crate) use launch::seconds_per_step;
-pub use launch::{TrainedImplicit, fresh, resume};
 pub use luxel_field::{ColorHead, FieldNetwork};
 use luxel_train::Method;
 pub use newest::newest_scene;
 pub use scene::{Content, ImplicitScene};
+pub(crate) use start::{Checkpoint, Processor, open_dataset, resume, seconds_per_step, start};
 
 use crate::run::{RunConfig, RunFolder};
 use crate::{DeviceOptions, Error, Remedy, Result, SelectedEngine};
@@ -80,7 +75,7 @@ fn no_splats(root: &Path, config: &RunConfig) -> Error {
 /// A file of such a scene that is damaged or of another version.
 pub fn open_file(path: &Path) -> Result<Option<ImplicitScene>> {
     match kind_of_file(path) {
-        Some(_) => files::read(path).map(Some),
+        Some(_) => ImplicitScene::read(path).map(Some),
         None => Ok(None),
     }
 }

@@ -1,45 +1,11 @@
-//! The newest readable state of a run: checkpoints to resume from, fields and anchors to render.
+//! The newest field or anchors of a run that can be read.
 
 use std::path::PathBuf;
 
-use super::files;
 use super::scene::ImplicitScene;
-use super::trainer::Checkpoint;
-use crate::error::Context;
-use crate::run::state::{continue_run, start_anew};
+use crate::run::state::continue_run;
 use crate::run::{ImplicitKind, RunFolder};
 use crate::{Error, Observer, Result};
-
-/// Returns the newest checkpoint that can be read, to continue from; `None` if the run ended before
-/// its first. Damaged newer ones are reported and renamed: they must not count as the newest when
-/// old ones are deleted.
-pub(super) fn take_checkpoint(folder: &RunFolder, observer: &dyn Observer) -> Result<Option<(PathBuf, Checkpoint)>> {
-    let mut damaged = Vec::new();
-    let mut found = None;
-    for file in luxel_io::list_checkpoints(folder.root())? {
-        match Checkpoint::read(&file.path) {
-            Ok(checkpoint) => {
-                found = Some((file.path, checkpoint));
-                break;
-            }
-            Err(error) => {
-                observer.warn(&format!("skipping a damaged checkpoint: {error:#}"));
-                damaged.push(file.path);
-            }
-        }
-    }
-    if found.is_none() && !damaged.is_empty() {
-        let message = format!("{}: none of the {} checkpoints can be read", folder.root().display(), damaged.len());
-        return Err(Error::new(message).with_remedy(start_anew()));
-    }
-    for path in damaged {
-        luxel_io::check_within(folder.root(), &path)?;
-        let mut aside = path.clone().into_os_string();
-        aside.push(".damaged");
-        std::fs::rename(&path, &aside).with_context(|| format!("{}: cannot set aside", path.display()))?;
-    }
-    Ok(found)
-}
 
 /// Returns a run's newest field or anchors that can be read, with their step: from `field/` or
 /// `anchors/`, or from a newer checkpoint.
@@ -55,7 +21,7 @@ pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32,
     // Newest first; of the same step the scene, which is smaller, stays first.
     candidates.sort_by_key(|(iteration, _)| std::cmp::Reverse(*iteration));
     for (iteration, path) in candidates {
-        match files::read(&path) {
+        match ImplicitScene::read(&path) {
             Ok(scene) => return Ok((u32::try_from(iteration)?, scene)),
             Err(error) => observer.warn(&format!("skipping a damaged file: {error:#}")),
         }

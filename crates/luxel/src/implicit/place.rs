@@ -5,7 +5,8 @@
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
-use luxel_core::{ColorModel, ColorSpace, RadianceScale, RasterConfig, Scene, Similarity, Splats};
+use luxel_core::{ColorModel, ColorSpace, Dataset, RadianceScale, RasterConfig, Scene, Similarity, Splats};
+use luxel_train::TrainError;
 use serde::{Deserialize, Serialize};
 
 use crate::Result;
@@ -26,6 +27,23 @@ pub(super) fn place_of(
         edits: Vec::new(),
         world_from_local,
         metres_per_unit,
+    }
+}
+
+/// Returns the scene without splats of a training on `dataset`.
+pub(super) fn place_in(dataset: &Dataset, radiance_scale: RadianceScale) -> Scene {
+    let Dataset { color_space, world_from_local, metres_per_unit, .. } = *dataset;
+    place_of(radiance_scale, color_space, world_from_local, metres_per_unit)
+}
+
+/// Checks that a checkpoint is of a run on this data set.
+///
+/// # Errors
+/// Another digest of the data.
+pub(super) fn check_fingerprint(fingerprint: &str, dataset: &Dataset) -> Result<(), TrainError> {
+    match fingerprint == dataset.fingerprint {
+        true => Ok(()),
+        false => Err(TrainError::Fingerprint { checkpoint: fingerprint.to_owned(), dataset: dataset.fingerprint.clone() }),
     }
 }
 

@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 
 use luxel_core::{Camera, Dataset, View};
 use luxel_io::PathCamera;
-use luxel_train::Trainer;
+use luxel_train::Reconstruction;
 use serde_json::{Value, json};
 
 use super::RunFolder;
@@ -126,16 +126,14 @@ impl RunCameras {
 }
 
 /// Returns the training views as a trainer sees them: with refined cameras, if there are any.
-pub(super) fn train_views_of<'d>(trainer: &Trainer, dataset: &'d Dataset) -> Cow<'d, [View]> {
-    if !trainer.config().refine_poses {
-        return Cow::Borrowed(&dataset.train);
-    }
-    let views = dataset.train.iter().zip(trainer.cameras());
+pub(super) fn train_views_of<'d>(trainer: &dyn Reconstruction, dataset: &'d Dataset) -> Cow<'d, [View]> {
+    let Some(cameras) = trainer.refined_cameras() else { return Cow::Borrowed(&dataset.train) };
+    let views = dataset.train.iter().zip(cameras);
     Cow::Owned(views.map(|(view, camera)| View { camera, ..view.clone() }).collect())
 }
 
 /// Returns the test views with the lenses of the training views, if those are refined.
-pub(super) fn test_views_of<'d>(trainer: &Trainer, dataset: &'d Dataset) -> Cow<'d, [View]> {
+pub(super) fn test_views_of<'d>(trainer: &dyn Reconstruction, dataset: &'d Dataset) -> Cow<'d, [View]> {
     match train_views_of(trainer, dataset) {
         Cow::Borrowed(_) => Cow::Borrowed(&dataset.test),
         Cow::Owned(train) => {

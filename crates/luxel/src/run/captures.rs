@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use luxel_core::response::exposure_of_knot;
 use luxel_core::{Knots, RESPONSE_KNOTS, View};
-use luxel_train::{LensVignetting, ToneMapperRecord, Trainer};
+use luxel_train::{LensVignetting, Reconstruction, ToneMapperRecord};
 use serde::{Deserialize, Serialize};
 
 use super::RunFolder;
@@ -53,18 +53,13 @@ impl ResponseTable {
 impl Captures {
     /// Returns the gains, the response and the vignetting of a trainer, which was trained on
     /// `train`.
-    pub fn new(trainer: &Trainer, train: &[View]) -> Self {
+    pub fn new(trainer: &dyn Reconstruction, train: &[View]) -> Self {
         let logs = trainer.log_gains().unwrap_or_default();
         let stops = |log: &[f32; 3]| log.map(|log| log / std::f32::consts::LN_2);
         let gains_ev = train.iter().zip(logs).map(|(view, log)| (view.name.clone(), stops(log))).collect();
         let vignetting = trainer.vignetting().unwrap_or_default();
         let (response, tone_mappers) = (trainer.response().map(ResponseTable::new), trainer.tone_mappers());
         Self { iteration: trainer.iteration(), gains_ev, response, vignetting, tone_mappers }
-    }
-
-    /// Returns the response alone, of a run that has nothing else of this file.
-    pub(crate) fn of_response(iteration: u32, knots: Knots) -> Self {
-        Self { iteration, response: Some(ResponseTable::new(knots)), ..Self::default() }
     }
 
     /// Writes the file, if there is anything to write.

@@ -19,11 +19,11 @@ use serde::Serialize;
 
 use super::evaluation::TEST_ALIGNED;
 use super::evaluation::{FrameProgress, count_frames};
+use super::kept_renders::KeptRenders;
 use super::report::Evaluated;
 use super::state::LoadedRun;
 use super::{Captures, Metrics, Rendering, RunCameras, RunConfig, RunFolder, log, report, state};
 use crate::error::{Context, bail};
-use crate::implicit::KeptRenders;
 use crate::{Event, Observer, Result, SelectedEngine, build_info, files, memory, output, schema};
 
 /// Choice of the metrics of an evaluation.
@@ -74,8 +74,16 @@ pub fn evaluate_run(
 ) -> Result<Vec<(&'static str, SplitMetrics)>> {
     let EvaluationData { path, load, dataset } = data;
     let LoadedRun { iteration, scene, selected, implicit } = state::load_newest(folder, config, selected, observer)?;
-    let SelectedEngine { engine, threads, computed_by, .. } = selected;
-    let mut engine: Box<dyn Engine> = if implicit.is_some() { Box::new(KeptRenders::new(engine)) } else { engine };
+    let SelectedEngine { mut engine, threads, computed_by, .. } = selected;
+    let mut kept;
+    let engine: &mut dyn Engine = match implicit {
+        None => engine.as_mut(),
+        Some(_) => {
+            kept = KeptRenders::new(engine.as_mut());
+            &mut kept
+        }
+    };
+    let splats = engine.len();
     check_color_space(path, dataset, &scene)?;
     let is_own = output::is_same(path, &config.dataset_path(folder.root()));
     let cameras = if is_own { RunCameras::read_at(folder, iteration)? } else { RunCameras::default() };
@@ -83,7 +91,7 @@ pub fn evaluate_run(
     let dataset = show_vignetting(&vignetting, dataset.in_frame(scene.world_from_local));
     let dataset = &*cameras.seen_by_training(dataset);
     let mut rendering = Rendering {
-        engine: engine.as_mut(),
+        engine,
         options: scene.render_options_before(config.train.background),
         radiance_scale: scene.radiance_scale,
         protocol_scale: metrics.scale,
@@ -120,7 +128,7 @@ pub fn evaluate_run(
     let metrics = Metrics {
         method: config.method_name(),
         iterations: iteration,
-        splats: engine.len(),
+        splats,
         field_parameters: implicit.and_then(|implicit| implicit.field_parameters),
         train_seconds: spent.map_or(0.0, |record| record.elapsed_s),
         train_cpu_seconds: spent.and_then(|record| record.cpu_s),

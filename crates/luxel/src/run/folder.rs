@@ -275,6 +275,16 @@ impl RunFolder {
         self.root.join(name).join(format!("iteration_{iteration}")).join(format!("{name}.safetensors"))
     }
 
+    /// Returns the path of the scene of a method after `iteration` steps, of whatever kind it is.
+    pub fn result(&self, method: Method, iteration: u32) -> PathBuf {
+        ImplicitKind::of(method).map_or_else(|| self.scene(iteration), |kind| self.implicit(kind, iteration))
+    }
+
+    /// Returns whether there is a scene of any kind.
+    pub(super) fn has_results(&self) -> bool {
+        !self.scene_iterations().is_empty() || ImplicitKind::ALL.into_iter().any(|kind| !self.implicit_iterations(kind).is_empty())
+    }
+
     /// Returns the folder of the evaluation after `iteration` steps.
     pub fn evaluation(&self, iteration: u32) -> PathBuf {
         self.root.join("eval").join(format!("step_{iteration}"))

@@ -6,15 +6,14 @@
 
 use std::path::Path;
 
-use luxel_core::{Alone, Dataset as CoreDataset, Engine, Exchange, Remedy};
+use luxel_core::{Alone, Dataset as CoreDataset, Engine, Exchange, Remedy, Snapshot};
 use luxel_io::{ImageMemory, ImagePlan, system_memory};
-use luxel_train::{RankViews, Trainer};
+use luxel_train::{Method, RankViews, Reconstruction, SceneContent, SceneSize, Trainer};
 
 use super::ranks::{keeps, tell_settings, tell_state, views_of};
 use super::{Outcome, RunConfig, RunFolder, RunLock, RunMemory, Session, state};
-use crate::blocks;
 use crate::error::{Context, bail};
-use crate::{Dataset, Error, ImageLimits, Observer, Result, Scene, SelectedEngine, StopFlag, text};
+use crate::{Dataset, Error, ImageLimits, Observer, Result, Scene, SelectedEngine, StopFlag, blocks, implicit, text};
 
 /// The place of a run, its observer and its stop flag.
 #[derive(Clone, Copy)]
@@ -33,18 +32,31 @@ pub struct TrainedRun {
     pub outcome: Outcome,
     /// The settings of the run.
     pub config: RunConfig,
-    /// The trainer, which holds the scene.
-    pub trainer: Trainer,
+    /// What was trained, which holds the scene.
+    pub trainer: Box<dyn Reconstruction>,
     /// The training and test views.
     pub dataset: Dataset,
     /// Steps made by this call.
     pub steps: u32,
 }
 
+impl TrainedRun {
+    /// Returns the scene.
+    ///
+    /// # Errors
+    /// A device that gave up; a radiance field or anchors, which store no splats.
+    pub fn scene(&mut self) -> Result<Scene> {
+        match self.trainer.content()? {
+            SceneContent::Splats(scene) => Ok((*scene).into()),
+            SceneContent::Arrays(_) => Err(Error::new(format!("method {} stores no splats", self.config.method_name()))),
+        }
+    }
+}
+
 /// A run that is ready for its loop.
 struct ReadyRun {
     dataset: Dataset,
-    trainer: Trainer,
+    trainer: Box<dyn Reconstruction>,
     threads: usize,
     /// Place where the engine runs, for people.
     machine: String,
@@ -90,7 +102,7 @@ pub fn fresh_over(
     let start = RunStart { is_on_gpu: gpu.is_some(), scene_splats: scene.as_ref().map(|scene| scene.splats.len() as u64) };
     let dataset = open_dataset(&config.dataset_path(launch.folder.root()), &config, launch, start, views)?;
     limit_images(engine.as_mut(), &config);
-    let trainer = first_trainer(&config, scene, &dataset, engine)?.with_exchange(exchange);
+    let trainer = first_trainer(&config, scene, &dataset, Means { threads, engine, exchange })?;
     // The trainer decides what the options leave open: samples per pixel, and with frozen geometry
     // the rasteriser's settings of its scene.
     let config = RunConfig { train: trainer.config().clone(), ..config };
@@ -104,14 +116,50 @@ fn first_scene(config: &RunConfig, observer: &dyn Observer) -> Result<Option<Sce
     config.run.from.as_deref().map(|path| Scene::open_reporting(path, observer)).transpose()
 }
 
-/// Returns the trainer before the first step: at the scene that the run starts from, or at new
-/// splats.
-fn first_trainer(config: &RunConfig, scene: Option<Scene>, dataset: &CoreDataset, engine: Box<dyn Engine>) -> Result<Trainer> {
-    let (Some(path), Some(scene)) = (config.run.from.as_deref(), scene) else {
-        return Trainer::new(dataset, config.train.clone(), engine).context("cannot start training");
+/// The means of a training.
+struct Means {
+    threads: usize,
+    engine: Box<dyn Engine>,
+    exchange: Box<dyn Exchange>,
+}
+
+/// Returns what is trained before the first step: at the scene that the run starts from, or new.
+fn first_trainer(config: &RunConfig, scene: Option<Scene>, dataset: &CoreDataset, means: Means) -> Result<Box<dyn Reconstruction>> {
+    let Means { threads, engine, exchange } = means;
+    if !config.train.method.stores_splats() {
+        return implicit::start(dataset, &config.train, implicit::Processor { threads, engine });
+    }
+    let trainer = match (config.run.from.as_deref(), scene) {
+        (Some(path), Some(scene)) => Trainer::from_scene(dataset, &scene, config.train.clone(), engine)
+            .with_context(|| format!("{}: cannot start training from this scene", path.display()))?,
+        _ => Trainer::new(dataset, config.train.clone(), engine).context("cannot start training")?,
     };
-    Trainer::from_scene(dataset, &scene, config.train.clone(), engine)
-        .with_context(|| format!("{}: cannot start training from this scene", path.display()))
+    Ok(Box::new(trainer.with_exchange(exchange)))
+}
+
+/// The content of a checkpoint.
+enum Stored {
+    Splats(Snapshot),
+    Implicit(implicit::Checkpoint),
+}
+
+impl Stored {
+    /// Reads a checkpoint of a run of this method.
+    fn read(path: &Path, method: Method) -> Result<Self> {
+        Ok(match method.stores_splats() {
+            true => Self::Splats(luxel_io::read_checkpoint(path)?),
+            false => Self::Implicit(implicit::Checkpoint::read(path)?),
+        })
+    }
+
+    /// Returns what is trained as it was stored.
+    fn resume(self, dataset: &CoreDataset, means: Means) -> Result<Box<dyn Reconstruction>> {
+        let Means { threads, engine, exchange } = means;
+        match self {
+            Self::Splats(snapshot) => Ok(Box::new(Trainer::resume(dataset, snapshot, engine)?.with_exchange(exchange))),
+            Self::Implicit(checkpoint) => implicit::resume(dataset, checkpoint, implicit::Processor { threads, engine }),
+        }
+    }
 }
 
 /// Continues a run from its newest checkpoint, under the folder's lock.
@@ -143,16 +191,17 @@ pub fn resume_over(
     let start = RunStart { is_on_gpu: gpu.is_some(), scene_splats: None };
     let dataset = open_dataset(&path, &config, launch, start, views_of(&*exchange, &config))?;
     limit_images(engine.as_mut(), &config);
-    let trainer = match state::take_checkpoint(folder, observer)? {
-        Some((path, snapshot)) => {
-            let mut trainer = Trainer::resume(&dataset, snapshot, engine).with_context(|| format!("{}: cannot resume", path.display()))?;
-            continue_with(&config, &mut trainer)?;
+    let means = Means { threads, engine, exchange };
+    let trainer = match state::take_checkpoint(folder, |path| Stored::read(path, config.train.method), observer)? {
+        Some((path, stored)) => {
+            let mut trainer = stored.resume(&dataset, means).with_context(|| format!("{}: cannot resume", path.display()))?;
+            continue_with(&config, &mut *trainer)?;
             observer.note(&format!("resuming after step {} from {}", trainer.iteration(), path.display()));
             trainer
         }
-        None if folder.scene_iterations().is_empty() => {
+        None if !folder.has_results() => {
             observer.note("the run ended before its first checkpoint; starting from the first step");
-            first_trainer(&config, first_scene(&config, observer)?, &dataset, engine)?
+            first_trainer(&config, first_scene(&config, observer)?, &dataset, means)?
         }
         None => {
             let message = format!("{}: has scenes, but no checkpoint in checkpoints/ to continue from", folder.root().display());
@@ -160,7 +209,6 @@ pub fn resume_over(
             return Err(Error::new(message).with_remedy(remedy));
         }
     };
-    let trainer = trainer.with_exchange(exchange);
     // A run that starts anew decides what its options leave open, as its first start did.
     let config = RunConfig { train: trainer.config().clone(), ..config };
     folder.write_config(&config)?;
@@ -178,6 +226,9 @@ pub(super) struct RunStart {
 /// Reads the data set of a run within its limit of memory for images. Says before what the run will
 /// take, and refuses what the system does not have.
 pub(super) fn open_dataset(path: &Path, config: &RunConfig, launch: Launch<'_>, start: RunStart, views: RankViews) -> Result<Dataset> {
+    if !config.train.method.stores_splats() {
+        return implicit::open_dataset(path, config, launch);
+    }
     let RunStart { is_on_gpu, scene_splats } = start;
     let cache = launch.folder.image_cache();
     let check = |plan: &ImagePlan| RunMemory::new(plan, &config.train, scene_splats, is_on_gpu).check(plan, system_memory());
@@ -196,7 +247,7 @@ pub(super) fn limit_images(engine: &mut dyn Engine, config: &RunConfig) {
 
 /// Gives a resumed trainer the number of steps of `config`; everything else must be as the
 /// checkpoint has it.
-fn continue_with(config: &RunConfig, trainer: &mut Trainer) -> Result<()> {
+fn continue_with(config: &RunConfig, trainer: &mut dyn Reconstruction) -> Result<()> {
     let (wanted, made) = (config.train.iterations, trainer.iteration());
     if wanted < made {
         let message = format!("{wanted} iterations: the run has made {made} steps already");
@@ -222,12 +273,24 @@ fn report_ranks(exchange: &dyn Exchange, config: &RunConfig, observer: &dyn Obse
     }
 }
 
+fn words_of(size: SceneSize) -> String {
+    match size {
+        SceneSize::Splats(splats) => text::plural(splats, "splat"),
+        SceneSize::Anchors { anchors, .. } => text::plural(anchors, "anchor"),
+        SceneSize::Field(parameters) => format!("a field of {}", text::plural(parameters, "parameter")),
+    }
+}
+
 fn train(config: RunConfig, launch: Launch<'_>, ready: ReadyRun) -> Result<TrainedRun> {
     let ReadyRun { dataset, mut trainer, threads, machine, computed_by, lock: _lock } = ready;
     let Launch { folder, observer, stop } = launch;
-    tell_state(&mut trainer)?;
-    observer.note(&format!("starting with {} on {}", text::plural(trainer.splats_len(), "splat"), machine));
-    report_ranks(trainer.exchange(), &config, observer);
+    if let Some(splats) = trainer.as_splats() {
+        tell_state(splats)?;
+    }
+    observer.note(&format!("starting with {} on {machine}", words_of(trainer.size())));
+    if let Some(splats) = trainer.as_splats() {
+        report_ranks(splats.exchange(), &config, observer);
+    }
     let first = trainer.iteration();
     let session = Session { dataset: &dataset, folder, config: &config, threads, computed_by, observer, stop, trainer };
     let (outcome, trainer) = session.run()?;

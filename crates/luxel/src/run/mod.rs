@@ -26,7 +26,7 @@
 //!
 //! assert_eq!(trained.outcome, Outcome::Finished);
 //! assert!(folder.report().is_file() && folder.scene(5).is_file());
-//! assert_eq!(luxel::Scene::open(&my_run)?, trained.trainer.scene()?.into());
+//! assert_eq!(luxel::Scene::open(&my_run)?, trained.scene()?);
 //! # Ok(())
 //! # }
 //! ```
@@ -42,6 +42,7 @@ mod explicit;
 mod folder;
 mod follow;
 mod inapplicable;
+mod kept_renders;
 mod launch;
 mod live;
 pub mod log;

@@ -12,7 +12,7 @@ mod taken_apart;
 use std::path::Path;
 
 use luxel_core::{Dataset, StepReport};
-use luxel_train::Trainer;
+use luxel_train::{Reconstruction, SavedRun};
 
 use super::checkpoints::save_checkpoint;
 use super::clock::Clock;
@@ -21,7 +21,7 @@ use super::log::{LOG_EVERY, LogRecord, RunLog};
 use super::test_curve::TestCurve;
 use super::{LiveRun, RunConfig, RunFolder, state};
 use crate::error::Context;
-use crate::{Event, Observer, Result, StopFlag, Wish, memory, text};
+use crate::{Event, Observer, Result, StopFlag, Wish, files, memory, text};
 
 /// Exit code of the program when an interruption ended it: 128 + SIGINT.
 pub const EXIT_INTERRUPTED: u8 = 130;
@@ -51,8 +51,8 @@ pub struct Session<'a> {
     pub observer: &'a dyn Observer,
     /// Asks the run to save its state and end.
     pub stop: &'a StopFlag,
-    /// The trainer.
-    pub trainer: Trainer,
+    /// What is trained.
+    pub trainer: Box<dyn Reconstruction>,
 }
 
 /// The state of the loop besides the trainer.
@@ -84,7 +84,7 @@ impl Session<'_> {
     ///
     /// # Errors
     /// A step that fails; a checkpoint, scene or image that cannot be written.
-    pub fn run(mut self) -> Result<(Outcome, Trainer)> {
+    pub fn run(mut self) -> Result<(Outcome, Box<dyn Reconstruction>)> {
         let start = self.trainer.iteration();
         let (log, last) = RunLog::open(&self.folder.log(), start, &self.config.run.log)?;
         if start > 0 && last.as_ref().is_none_or(|record| record.iteration < start) {
@@ -137,8 +137,7 @@ impl Session<'_> {
                 downscale = self.trainer.downscale();
                 self.report_resolution(downscale);
             }
-            self.trainer.announce_stop(self.stop.is_requested());
-            if self.trainer.is_asked_to_stop() {
+            if self.trainer.agrees_to_stop(self.stop.is_requested()) {
                 self.check_folder(state)?;
                 self.log(state)?;
                 self.save(state)?;
@@ -150,8 +149,7 @@ impl Session<'_> {
             let iteration = self.trainer.iteration();
             self.observer.event(Event::Step { done: iteration });
 
-            let wish = state.clock.paused(|| self.observer.visit(&mut LiveRun::new(&mut self.trainer, self.dataset)));
-            let save = wish == Wish::Save || self.checkpoint_is_due();
+            let save = state.clock.paused(|| self.visit()) == Some(Wish::Save) || self.checkpoint_is_due();
             let evaluate = self.evaluation_is_due();
             if save || evaluate || iteration.is_multiple_of(LOG_EVERY) {
                 self.check_folder(state)?;
@@ -165,6 +163,12 @@ impl Session<'_> {
             }
         }
         Ok(Outcome::Finished)
+    }
+
+    /// Shows the observer the splats between two steps.
+    fn visit(&mut self) -> Option<Wish> {
+        let splats = self.trainer.as_splats()?;
+        Some(self.observer.visit(&mut LiveRun::new(splats, self.dataset)))
     }
 
     /// Reports a change of resolution, from which losses and speeds do not compare with those
@@ -189,10 +193,11 @@ impl Session<'_> {
         if state.sums.steps == 0 {
             return Ok(());
         }
-        let psnr_train = state.clock.paused(|| self.probe())?;
         let iteration = self.trainer.iteration();
         let schedule = TestCurve::new(self.config.train.iterations, self.dataset.test.len());
-        if schedule.is_due(iteration) {
+        let is_due = schedule.is_due(iteration);
+        let psnr_train = if is_due || !self.trainer.renders_slowly() { state.clock.paused(|| self.probe())? } else { None };
+        if is_due {
             let sampled = state.clock.paused(|| self.sample_test_views(schedule))?;
             state.psnr_test_sample = sampled.or(state.psnr_test_sample);
         }
@@ -201,17 +206,17 @@ impl Session<'_> {
         let record = LogRecord {
             iteration,
             loss: mean(sums.loss),
-            l1: Some(mean(sums.l1)),
-            ssim: Some(mean(sums.ssim)),
+            l1: self.trainer.compares_images().then(|| mean(sums.l1)),
+            ssim: self.trainer.compares_images().then(|| mean(sums.ssim)),
             psnr_train,
             psnr_test: state.psnr_test,
             psnr_test_sample: state.psnr_test_sample,
             poses: self.trainer.pose_report(),
             vignetting_corner_ev: self.trainer.vignetting().unwrap_or_default().iter().map(|lens| lens.corner_ev).collect(),
-            splats: self.trainer.splats_len(),
+            splats: self.trainer.size().splats(),
             visible: sums.visible,
             iterations_per_second: if sums.seconds > 0.0 { f64::from(sums.steps) / sums.seconds } else { 0.0 },
-            steps_left_at_pace: Some(self.trainer.steps_left_at_pace(sums.steps)),
+            steps_left_at_pace: self.trainer.steps_left_at_pace(sums.steps),
             elapsed_s: state.clock.seconds(),
             cpu_s: state.clock.processor_seconds(),
             rss_bytes: memory::resident_bytes(),
@@ -243,8 +248,11 @@ impl Session<'_> {
         let synced = state.log.sync();
         self.report_log(synced, state);
         let iteration = self.trainer.iteration();
-        let mut saved = self.trainer.saved_state()?;
-        let write = |path: &Path| luxel_io::write_checkpoint(path, &mut saved);
+        let mut saved = self.trainer.saved()?;
+        let write = |path: &Path| match &mut saved {
+            SavedRun::Splats(state) => luxel_io::write_checkpoint(path, state),
+            SavedRun::Arrays(file) => files::write_arrays(path, file),
+        };
         let path = save_checkpoint(self.folder, &self.config.run, iteration, write)?;
         self.restore_log(state);
         self.observer.event(Event::Saved { path });

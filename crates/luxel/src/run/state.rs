@@ -1,6 +1,6 @@
 //! The newest readable state of a run: checkpoints to resume from, and scenes to render.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use luxel_core::{Dataset, Knots, Remedy, Scene, Snapshot};
 use luxel_io::Supervision;
@@ -10,33 +10,42 @@ use super::{Captures, RunConfig, RunFolder};
 use crate::error::Context;
 use crate::{Error, Observer, Result, SelectedEngine};
 
-/// Returns the newest checkpoint that can be read, to continue from; `None` if the run ended before
-/// its first. Damaged newer ones are reported and renamed: they must not count as the newest when
-/// old ones are deleted.
+/// Returns the newest checkpoint that `read` can read, to continue from; `None` if the run ended
+/// before its first. Damaged newer ones are reported and renamed: they must not count as the newest
+/// when old ones are deleted.
 ///
 /// # Errors
 /// Checkpoints of which none can be read; a folder that cannot be read.
-pub fn take_checkpoint(folder: &RunFolder, observer: &dyn Observer) -> Result<Option<(PathBuf, Snapshot)>> {
-    let latest = luxel_io::latest_checkpoint(folder.root())?;
-    for error in &latest.damaged {
-        observer.warn(&format!("skipping a damaged checkpoint: {error}"));
-    }
-    let Some((file, snapshot)) = latest.newest else {
-        match latest.damaged.len() {
-            0 => return Ok(None),
-            n => {
-                let error = Error::new(format!("{}: none of the {n} checkpoints can be read", folder.root().display()));
-                return Err(error.with_remedy(start_anew()));
+pub(super) fn take_checkpoint<T>(
+    folder: &RunFolder,
+    read: impl Fn(&Path) -> Result<T>,
+    observer: &dyn Observer,
+) -> Result<Option<(PathBuf, T)>> {
+    let mut damaged = Vec::new();
+    let mut newest = None;
+    for file in luxel_io::list_checkpoints(folder.root())? {
+        match read(&file.path) {
+            Ok(state) => {
+                newest = Some((file.path, state));
+                break;
+            }
+            Err(error) => {
+                observer.warn(&format!("skipping a damaged checkpoint: {error:#}"));
+                damaged.push(file.path);
             }
         }
-    };
-    for error in &latest.damaged {
-        luxel_io::check_within(folder.root(), &error.path)?;
-        let mut aside = error.path.clone().into_os_string();
-        aside.push(".damaged");
-        std::fs::rename(&error.path, &aside).with_context(|| format!("{}: cannot set aside", error.path.display()))?;
     }
-    Ok(Some((file.path, snapshot)))
+    if newest.is_none() && !damaged.is_empty() {
+        let error = Error::new(format!("{}: none of the {} checkpoints can be read", folder.root().display(), damaged.len()));
+        return Err(error.with_remedy(start_anew()));
+    }
+    for path in damaged {
+        luxel_io::check_within(folder.root(), &path)?;
+        let mut aside = path.clone().into_os_string();
+        aside.push(".damaged");
+        std::fs::rename(&path, &aside).with_context(|| format!("{}: cannot set aside", path.display()))?;
+    }
+    Ok(newest)
 }
 
 /// Returns the newest checkpoint's path, for messages.

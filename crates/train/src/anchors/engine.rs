@@ -8,8 +8,9 @@ use super::scene::AnchorScene;
 
 /// Renders anchors on an engine of splats.
 pub struct AnchorEngine {
-    scene: AnchorScene,
-    engine: Box<dyn Engine>,
+    pub(super) scene: AnchorScene,
+    /// The engine of splats, which a training uses for its steps, too.
+    pub(super) engine: Box<dyn Engine>,
 }
 
 impl AnchorEngine {

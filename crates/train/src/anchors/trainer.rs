@@ -11,6 +11,7 @@ use luxel_core::{Dataset, Engine, Knots, RadianceScale, RasterConfig, RenderOpti
 
 use super::decode::Decoded;
 use super::decoders::Decoders;
+use super::engine::AnchorEngine;
 use super::gradients::SplatGradients;
 use super::groups::{Groups, numbers, numbers_mut};
 use super::grow::{Changes, GrowthRules, grow};
@@ -33,11 +34,11 @@ const LARGEST_PART: f32 = 0.25;
 
 /// A training run of anchors.
 pub struct AnchorTrainer {
-    engine: Box<dyn Engine>,
+    /// The anchors, and the engine that steps and renders use in turn.
+    renderer: AnchorEngine,
     views: TrainingViews,
     schedule: Schedule,
     state: State,
-    scene: AnchorScene,
     groups: Groups,
     statistics: Statistics,
     /// Side of a voxel, world units.
@@ -103,7 +104,7 @@ impl AnchorTrainer {
         let stages = config.resolution_schedule.stages(state.planned_iterations, schedule.densify_interval, side_px);
         let tone = ToneScale { radiance_scale: state.radiance_scale, mu: config.mu };
         let views = TrainingViews::new(&dataset.train, stages, config.noise_model, tone);
-        Self { engine, views, schedule, state, scene, groups, statistics, voxel, average }
+        Self { renderer: AnchorEngine::new(scene, engine), views, schedule, state, groups, statistics, voxel, average }
     }
 
     /// Returns the configuration in force.
@@ -123,7 +124,12 @@ impl AnchorTrainer {
 
     /// Returns the anchors and networks as they are now.
     pub fn scene(&self) -> &AnchorScene {
-        &self.scene
+        &self.renderer.scene
+    }
+
+    /// Returns an engine that renders the anchors as they are now.
+    pub fn engine(&mut self) -> &mut dyn Engine {
+        &mut self.renderer
     }
 
     /// Returns the radiance of one normalised unit, in the units of the data set.
@@ -160,8 +166,8 @@ impl AnchorTrainer {
     /// # Errors
     /// [`TrainError::State`] if the state has no form as text.
     pub fn snapshot(&self) -> Result<AnchorSnapshot, TrainError> {
-        let Self { state, scene, groups, statistics, voxel, average, .. } = self;
-        super::saved::write(state, scene, groups, statistics, *voxel, average.as_deref())
+        let Self { state, renderer, groups, statistics, voxel, average, .. } = self;
+        super::saved::write(state, &renderer.scene, groups, statistics, *voxel, average.as_deref())
     }
 
     fn raster_of(&self, step: u32) -> RasterConfig {
@@ -196,7 +202,7 @@ impl AnchorTrainer {
         let index = self.state.next_views(&[]).first().copied().unwrap_or(0);
         let config = self.step_config(step);
         self.ask_ahead(step, index);
-        let Self { engine, views, state, scene, .. } = self;
+        let Self { renderer: AnchorEngine { scene, engine }, views, state, .. } = self;
         let view = view_of(views, state, None, SlotView { step, slot: 0, index })?;
         let mut decoded = scene.decode(&view.camera, config.render.raster.cutoffs.near);
         engine.load(&decoded.splats, None)?;
@@ -251,9 +257,9 @@ impl AnchorTrainer {
             largest: LARGEST_PART * self.schedule.extent,
             seed: self.state.noise_seed(step),
         };
-        let Changes { added, pruned } = grow(&mut self.scene, &mut self.groups, &mut self.statistics, &rules);
-        tracing::debug!(step, added, pruned, anchors = self.scene.anchors.len(), "growth");
-        if self.scene.anchors.is_empty() {
+        let Changes { added, pruned } = grow(&mut self.renderer.scene, &mut self.groups, &mut self.statistics, &rules);
+        tracing::debug!(step, added, pruned, anchors = self.scene().anchors.len(), "growth");
+        if self.scene().anchors.is_empty() {
             return Err(TrainError::AllPruned { step });
         }
         Ok(())
@@ -268,7 +274,7 @@ impl AnchorTrainer {
         }
         if self.schedule.averages_after(step) {
             let count = self.state.averaged + 1;
-            let now = numbers(&self.scene).concat();
+            let now = numbers(self.scene()).concat();
             match &mut self.average {
                 Some(mean) => mean.iter_mut().zip(now).for_each(|(mean, value)| *mean += (value - *mean) / count as f32),
                 None => self.average = Some(now),
@@ -283,7 +289,7 @@ impl AnchorTrainer {
     fn load_average(&mut self) {
         if let Some(mean) = self.average.take() {
             let mut rest = &mean[..];
-            for group in numbers_mut(&mut self.scene) {
+            for group in numbers_mut(&mut self.renderer.scene) {
                 let (own, others) = rest.split_at(group.len());
                 group.copy_from_slice(own);
                 rest = others;

@@ -5,12 +5,13 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use luxel_core::{Camera, Dataset, View};
+use luxel_core::{ColorSpace, Dataset, Engine, Knots, RadianceScale, RenderOptions, Scene, View};
 use luxel_metrics::{FieldOptions, FlipChoice, GainFit};
-use luxel_train::LensVignetting;
+use luxel_train::{LensVignetting, SceneContent};
 
 use super::super::cameras::{test_views_of, train_views_of};
 use super::super::evaluation::{Metrics, Rendering, TEST_ALIGNED};
+use super::super::kept_renders::KeptRenders;
 use super::super::log::LOG_EVERY;
 use super::super::test_curve::TestCurve;
 use super::super::{Captures, RunCameras, report, vignetting_text};
@@ -33,7 +34,7 @@ impl Session<'_> {
         let Some(view) = self.dataset.train.get(turn) else { return Ok(None) };
         let mut seen = view.clone();
         self.show_vignetting(std::slice::from_ref(view), [&mut seen]);
-        if let Some(camera) = self.refined_camera(turn) {
+        if let Some(camera) = self.trainer.refined_cameras().and_then(|cameras| cameras.into_iter().nth(turn)) {
             seen.camera = camera;
         }
         self.rendering().probe(&seen)
@@ -61,21 +62,27 @@ impl Session<'_> {
 
     fn evaluate_at(&mut self, spent: Spent) -> Result<Option<f64>> {
         let iteration = self.trainer.iteration();
-        let path = self.folder.scene(iteration);
-        self.write_scene(&path)?;
-        self.observer.event(Event::Saved { path });
-        let images = self.folder.evaluation(iteration);
         let (dataset, finished) = (self.dataset, self.trainer.is_finished());
         let config = self.config;
-        Captures::new(&self.trainer, &dataset.train).write(self.folder)?;
+        let folded = self.write_scene(iteration)?.filter(|_| finished && config.train.method.lifts_colors());
+        let images = self.folder.evaluation(iteration);
+        Captures::new(&*self.trainer, &dataset.train).write(self.folder)?;
         let mut splits = BTreeMap::new();
         let train = self.train_views().into_owned();
         let test_views = self.test_views().into_owned();
         let (poses, vignetting) = (self.trainer.pose_report(), self.trainer.vignetting().unwrap_or_default());
         let folder = self.folder;
-        let folded = if finished && self.trainer.lifts_colors() { Some(self.trainer.scene()?) } else { None };
-        let threads = self.threads;
-        let mut rendering = self.rendering();
+        let (threads, size, settings) = (self.threads, self.trainer.size(), self.settings());
+        let is_slow = self.trainer.renders_slowly();
+        let mut kept;
+        let engine: &mut dyn Engine = match self.trainer.engine() {
+            engine if is_slow => {
+                kept = KeptRenders::new(engine);
+                &mut kept
+            }
+            engine => engine,
+        };
+        let mut rendering = settings.on(engine);
         let test = rendering.evaluate(&test_views, Some(&images), GainFit::None)?;
         let aligned = if poses.is_some() { rendering.align(config.train.loss_weights(), &test_views)? } else { None };
         if let Some(aligned) = &aligned
@@ -91,7 +98,7 @@ impl Session<'_> {
         for (name, split) in rendering.evaluate_fitted(config, &test_views)? {
             splits.insert(name.to_owned(), split);
         }
-        for (name, split) in rendering.evaluate_folded(folded.as_ref(), threads, &test_views)? {
+        for (name, split) in rendering.evaluate_folded(folded.as_deref(), threads, &test_views)? {
             splits.insert(name.to_owned(), split);
         }
         for (name, split) in [("test", test), ("train", train)] {
@@ -102,8 +109,8 @@ impl Session<'_> {
         let metrics = Metrics {
             method: self.config.method_name(),
             iterations: iteration,
-            splats: self.trainer.splats_len(),
-            field_parameters: None,
+            splats: size.splats(),
+            field_parameters: size.field_parameters(),
             train_seconds: spent.seconds,
             train_cpu_seconds: spent.processor_seconds,
             peak_rss_bytes: spent.peak_rss_bytes.max(memory::peak_resident_bytes()),
@@ -139,38 +146,49 @@ impl Session<'_> {
         Ok(psnr)
     }
 
-    /// Writes the scene file. The last one's display layer, which splat viewers show, is refined;
-    /// where that fails, it is written as the others are.
-    fn write_scene(&mut self, path: &Path) -> Result<()> {
-        let scene = self.trainer.scene()?;
+    /// Writes the scene file of step `iteration`, and returns a scene of splats.
+    fn write_scene(&mut self, iteration: u32) -> Result<Option<Box<Scene>>> {
+        let (path, scene) = match self.trainer.content()? {
+            SceneContent::Splats(scene) => {
+                let path = self.folder.scene(iteration);
+                self.write_splats(&path, &scene)?;
+                (path, Some(scene))
+            }
+            SceneContent::Arrays(file) => {
+                let path = self.folder.result(self.config.train.method, iteration);
+                files::write_arrays(&path, &file)?;
+                (path, None)
+            }
+        };
+        self.observer.event(Event::Saved { path });
+        Ok(scene)
+    }
+
+    /// Writes a scene of splats. The last one's display layer, which splat viewers show, is
+    /// refined; where that fails, it is written as the others are.
+    fn write_splats(&mut self, path: &Path, scene: &Scene) -> Result<()> {
         let steps = self.config.run.refine_display;
         if self.trainer.is_finished() && steps > 0 && !scene.splats.is_empty() {
             let refined = SelectedEngine::open(&self.config.device).and_then(|mut selected| {
                 if selected.gpu.is_none() {
                     // An allocation that failed in the middle of it would end the run before its
                     // metrics.
-                    check_refinement_room(&scene, &self.refined_dataset())?;
+                    check_refinement_room(scene, &self.refined_dataset())?;
                 }
-                write_with_refined_display(path, &scene, &self.refined_dataset(), steps, selected.engine.as_mut(), self.observer)
+                write_with_refined_display(path, scene, &self.refined_dataset(), steps, selected.engine.as_mut(), self.observer)
             });
             match refined {
                 Ok(()) => return Ok(()),
                 Err(error) => self.observer.warn(&format!("{:#}", error.context("the display colours of the scene file are not refined"))),
             }
         }
-        Ok(luxel_io::write_scene_ply(path, &scene)?)
-    }
-
-    /// Returns the refined camera of training view `index`; `None` unless poses are refined.
-    fn refined_camera(&self, index: usize) -> Option<Camera> {
-        self.trainer.pose_report()?;
-        self.trainer.cameras().into_iter().nth(index)
+        Ok(luxel_io::write_scene_ply(path, scene)?)
     }
 
     /// Returns the training views as the trainer sees them: with refined cameras and vignetting, if
     /// there are any.
     fn train_views(&self) -> Cow<'_, [View]> {
-        let mut views = train_views_of(&self.trainer, self.dataset);
+        let mut views = train_views_of(&*self.trainer, self.dataset);
         if self.trainer.config().vignetting {
             self.show_vignetting(&self.dataset.train, views.to_mut());
         }
@@ -180,7 +198,7 @@ impl Session<'_> {
     /// Returns the test views with the lenses and the vignetting that the trainer sees, if those
     /// are optimised.
     fn test_views(&self) -> Cow<'_, [View]> {
-        let mut views = test_views_of(&self.trainer, self.dataset);
+        let mut views = test_views_of(&*self.trainer, self.dataset);
         if self.trainer.config().vignetting {
             self.show_vignetting(&self.dataset.test, views.to_mut());
         }
@@ -201,21 +219,48 @@ impl Session<'_> {
     }
 
     fn rendering(&mut self) -> Rendering<'_> {
-        let (options, radiance_scale, response) = (self.trainer.render_options(), self.trainer.radiance_scale(), self.trainer.response());
-        let log_gains = Captures::new(&self.trainer, &self.dataset.train).log_gains_at(self.trainer.iteration());
+        let settings = self.settings();
+        settings.on(self.trainer.engine())
+    }
+
+    fn settings(&self) -> Settings {
+        Settings {
+            options: self.trainer.render_options(),
+            radiance_scale: self.trainer.radiance_scale(),
+            mu: self.config.train.mu,
+            color_space: self.dataset.color_space,
+            response: self.trainer.response(),
+            log_gains: Captures::new(&*self.trainer, &self.dataset.train).log_gains_at(self.trainer.iteration()),
+        }
+    }
+}
+
+/// The settings of renders and measurements, without the engine.
+struct Settings {
+    options: RenderOptions,
+    radiance_scale: RadianceScale,
+    mu: f32,
+    color_space: ColorSpace,
+    response: Option<Knots>,
+    log_gains: BTreeMap<String, [f32; 3]>,
+}
+
+impl Settings {
+    fn on(self, engine: &mut dyn Engine) -> Rendering<'_> {
+        let Self { options, radiance_scale, mu, color_space, response, log_gains } = self;
         Rendering {
+            engine,
             options,
             radiance_scale,
             protocol_scale: None,
-            mu: self.config.train.mu,
-            color_space: self.dataset.color_space,
+            mu,
+            color_space,
             peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
             flip: FlipChoice::Skip,
             lpips: None,
             response,
             log_gains,
             progress: None,
-            engine: self.trainer.engine(),
         }
     }
 }

@@ -13,8 +13,8 @@ use luxel_core::{Camera, Image, Layers, RenderOptions};
 const KEPT_BYTES: usize = 128 << 20;
 
 /// An engine that keeps its renders.
-pub(crate) struct KeptRenders {
-    engine: Box<dyn Engine>,
+pub(crate) struct KeptRenders<'a> {
+    engine: &'a mut dyn Engine,
     kept: Vec<Kept>,
     free_bytes: usize,
 }
@@ -25,13 +25,13 @@ struct Kept {
     image: Image,
 }
 
-impl KeptRenders {
-    pub(crate) fn new(engine: Box<dyn Engine>) -> Self {
+impl<'a> KeptRenders<'a> {
+    pub(crate) fn new(engine: &'a mut dyn Engine) -> Self {
         Self { engine, kept: Vec::new(), free_bytes: KEPT_BYTES }
     }
 }
 
-impl RenderOnly for KeptRenders {
+impl RenderOnly for KeptRenders<'_> {
     fn no_splats(&self) -> EngineError {
         EngineError::invalid("the scene has no stored splats")
     }
@@ -81,7 +81,8 @@ mod tests {
 
     #[test]
     fn a_pose_is_rendered_once_as_long_as_there_is_room() {
-        let mut engine = KeptRenders::new(Box::new(Counter(0.0)));
+        let mut counter = Counter(0.0);
+        let mut engine = KeptRenders::new(&mut counter);
         let [small, large] = [[8, 6], [4000, 3000]].map(synthetic::room_camera);
         let (options, mut bright) = (RenderOptions::default(), RenderOptions::default());
         bright.background = [1.0; 3];
