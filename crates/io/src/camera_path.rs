@@ -16,15 +16,12 @@ use serde_json::{Map, Value, json};
 
 use crate::IoError;
 use crate::byte_order_mark::bytes_without_mark;
-use crate::camera_writer::lens_fields;
+use crate::camera_writer::{FOCUS_KEY, lens_fields};
 use crate::dataset::{TransformsFrame, parse_transforms};
 use crate::read_file::read_file;
 
 /// Keys of a lens in `transforms.json`.
 const FOCAL_KEYS: [&str; 4] = ["fl_x", "fl_y", "camera_angle_x", "camera_angle_y"];
-
-/// Key of the distance that is in focus: Luxel's own.
-pub(crate) const FOCUS_KEY: &str = "focus_distance";
 
 /// A camera to render from.
 #[derive(Clone, Debug, PartialEq)]

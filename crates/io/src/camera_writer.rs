@@ -11,8 +11,10 @@ use std::path::Path;
 use luxel_core::{Camera, CameraProjection};
 use serde_json::{Value, json};
 
-use crate::camera_path::FOCUS_KEY;
 use crate::{IoError, PathCamera, write_atomically};
+
+/// Key of the distance that is in focus: Luxel's own.
+pub(crate) const FOCUS_KEY: &str = "focus_distance";
 
 /// Returns the text of a camera file.
 ///
