@@ -1,4 +1,5 @@
-//! What a run drives: a place that is learned from views, step by step, whatever it is made of.
+//! The contract of a run with what it trains: a place that is learned from views, step by step,
+//! whatever it is made of.
 //!
 //! In: steps. Out: images through an engine, the scene for its file, and the state for a
 //! checkpoint, all in normalised units ([`RadianceScale`]). A run with a folder asks for nothing
@@ -61,7 +62,7 @@ pub struct FileArray {
 pub struct ArrayFile {
     /// Name of the kind of file.
     pub format: &'static str,
-    /// What the arrays are, as JSON.
+    /// Description of the arrays, as JSON.
     pub description: String,
     /// The arrays.
     pub arrays: Vec<FileArray>,
@@ -77,6 +78,7 @@ pub enum SceneContent {
 }
 
 /// The state of a run as its checkpoint stores it.
+#[expect(clippy::large_enum_variant, reason = "one for each checkpoint, written at once")]
 pub enum SavedRun<'a> {
     /// The state of a training of splats, to be read piece by piece.
     Splats(RunState<'a>),

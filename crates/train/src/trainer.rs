@@ -17,6 +17,7 @@ mod densify;
 mod fit;
 mod health;
 mod pairs;
+mod plan;
 mod poses;
 mod saved;
 mod scene_start;
