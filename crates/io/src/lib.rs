@@ -31,6 +31,7 @@ mod ply;
 mod read_file;
 mod scene_file;
 mod sog;
+mod splat_model;
 mod spz;
 mod tags;
 mod tensors;

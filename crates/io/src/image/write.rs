@@ -4,10 +4,10 @@ use std::io::Cursor;
 use std::path::Path;
 
 use ::exr::error::Error as ExrError;
-use ::exr::image::{AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Image as ExrImage, Layer};
+use ::exr::image::{Blocks, Encoding, Image as ExrImage, Layer};
 use ::exr::meta::attribute::{AttributeValue, Chromaticities, Compression, EnvironmentMap, LineOrder, Text};
 use ::exr::meta::header::LayerAttributes;
-use ::exr::prelude::{SmallVec, Vec2, WritableImage, f16};
+use ::exr::prelude::{Vec2, WritableImage, f16};
 use glam::{DMat3, DMat4, DVec2, DVec3, DVec4};
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
@@ -16,6 +16,7 @@ use luxel_core::environment::Projection;
 use luxel_core::{Camera, ColorSpace, Image};
 
 use super::exr_header::sort_attributes;
+use super::exr_lines::ImageChannels;
 use super::interop_id;
 use crate::{IoError, write_atomically};
 
@@ -115,23 +116,7 @@ pub fn encode_exr(name: &Path, image: &Image, options: &ExrOptions) -> Result<Ve
         return Err(IoError::invalid(name, format!("{found} values of opacity, depth or normals for {count} pixels")));
     }
     let encoding = Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
-    let samples = |values: &mut dyn Iterator<Item = f32>| match options.sample {
-        ExrSample::Half => FlatSamples::F16(values.map(to_half).collect()),
-        ExrSample::Float => FlatSamples::F32(values.collect()),
-    };
-    let color = |c: usize| samples(&mut image.pixels.iter().map(|pixel| pixel[c]));
-    let mut channels: SmallVec<[_; 4]> = [("R", 0), ("G", 1), ("B", 2)].into_iter().map(|(n, c)| AnyChannel::new(n, color(c))).collect();
-    if let Some(alpha) = &options.alpha {
-        channels.push(AnyChannel::new("A", samples(&mut alpha.iter().copied())));
-    }
-    if let Some(depth) = &options.depth {
-        channels.push(AnyChannel::new("Z", FlatSamples::F32(depth.clone())));
-    }
-    if let Some(normals) = &options.normals {
-        let axis = |c: usize| FlatSamples::F32(normals.iter().map(|normal| normal[c]).collect());
-        channels.extend([("N.X", 0), ("N.Y", 1), ("N.Z", 2)].map(|(name, c)| AnyChannel::new(name, axis(c))));
-    }
-    let layer = Layer::new((width, height), attributes(name, options)?, encoding, AnyChannels::sort(channels));
+    let layer = Layer::new((width, height), attributes(name, options)?, encoding, ImageChannels::new(image, options));
     let mut file = ExrImage::from_layer(layer);
     let [red, green, blue, white] = options.color_space.chromaticities().map(|[x, y]| Vec2(x, y));
     file.attributes.chromaticities = Some(Chromaticities { red, green, blue, white });
