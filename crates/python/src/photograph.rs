@@ -36,8 +36,8 @@ impl PyScene {
         aperture: Option<f64>,
         focus: Option<f64>,
         blades: Option<u8>,
-        before: Option<PyCamera>,
-        after: Option<PyCamera>,
+        before: Option<&PyCamera>,
+        after: Option<&PyCamera>,
         shutter: f64,
         lens_samples: Option<u32>,
         sample_set: u32,
@@ -55,7 +55,7 @@ impl PyScene {
             (None, Some(_)) => return Err(invalid("aperture: None, expected its diameter, since a focus is given")),
             (None, None) => None,
         };
-        let seen = |other: Option<PyCamera>| other.map(|camera| camera.seen_from(&world_from_local));
+        let seen = |other: Option<&PyCamera>| other.map(|camera| camera.seen_from(&world_from_local));
         let motion = (before.is_some() || after.is_some()).then(|| ShutterMotion {
             before: seen(before),
             after: seen(after),
