@@ -332,7 +332,7 @@ fn a_run_takes_as_many_steps_as_fit_into_its_time() {
     for wrong in [&["--time", "5"][..], &["--time", "0s"], &["--time", "1min", "--iterations", "5"]] {
         place.fails(2, &[&["train", "data", "-o", "x"], wrong].concat());
     }
-    place.error(&["train", "data", "-o", "x", "--method", "nerf-grid", "--time", "1min"], &["--time", "nerf-grid"]);
+    place.error(&["train", "data", "-o", "x", "--method", "nerf-grid", "--time", "1min"], &["--time", "--method lcd"]);
 }
 
 #[test]
