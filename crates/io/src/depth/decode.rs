@@ -36,10 +36,11 @@ pub fn decode_depth_map(name: &Path, bytes: &[u8]) -> Result<DepthMap, IoError> 
                 let codes = first(f32::from(u16::MAX)).into_iter().map(f32::round).collect();
                 (size, codes, Some(16))
             }
-            SampleDepth::Integer8 | SampleDepth::FewBits(_) => {
+            low @ (SampleDepth::Integer8 | SampleDepth::FewBits(_)) => {
+                let bits = low.integer_bits().unwrap_or(8);
                 return Err(IoError::unsupported(
                     name,
-                    "an image of 8 bits, expected 16 or floating point: 8 bits are a picture of depth; export the numbers",
+                    format!("an image of {bits} bits, expected 16 or floating point: so few are a picture of depth; export the numbers"),
                 ));
             }
         }

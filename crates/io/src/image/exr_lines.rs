@@ -10,7 +10,7 @@ use ::exr::meta::header::Header;
 use ::exr::prelude::SmallVec;
 use luxel_core::Image;
 
-use super::write::{ExrOptions, ExrSample, to_half};
+use super::exr_options::{ExrOptions, ExrSample, to_half};
 
 /// The channels, by name as OpenEXR has them.
 pub(super) struct ImageChannels<'a> {

@@ -20,6 +20,7 @@ mod exr_deep;
 mod exr_header;
 mod exr_layers;
 mod exr_lines;
+mod exr_options;
 mod gain_map;
 pub(crate) mod guard;
 mod interop_id;
@@ -51,12 +52,13 @@ use crate::read_file::{open_regular, read_file};
 
 pub use exr_attributes::{ExrAttributes, read_exr_attributes};
 pub use exr_deep::{encode_deep_exr, write_deep_exr};
+pub use exr_options::{ExrOptions, ExrSample, HALF_MAX};
 pub use interop_id::name as color_interop_id;
 pub use png_pq::{LightLevels, encode_png_pq};
 pub use resample::{downscale, downscale_masked, pinhole_within, undistort, undistort_into};
 pub(crate) use straighten::{lost_field, straighten};
 pub use transfer::Transfer;
-pub use write::{ExrOptions, ExrSample, HALF_MAX, encode_exr, encode_jpeg, encode_png, write_exr, write_png};
+pub use write::{encode_exr, encode_jpeg, encode_png, write_exr, write_png};
 
 /// An image as read.
 #[derive(Clone, Debug)]

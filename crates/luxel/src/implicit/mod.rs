@@ -68,6 +68,11 @@ fn no_splats(root: &Path, config: &RunConfig) -> Error {
     Error::new(message).with_remedy(Remedy::advice("render or evaluate it, or train splats with another method, such as lcd"))
 }
 
+/// Reads the scene of a file, that of a checkpoint too.
+fn read_scene(path: &Path) -> Result<ImplicitScene> {
+    if luxel_io::holds_arrays(path, anchor_files::FORMAT) { anchor_files::read(path) } else { field_files::read(path) }
+}
+
 /// Reads the field or the anchors of a file, `field.safetensors`, `anchors.safetensors` or a
 /// checkpoint; `None` if the file holds something else.
 ///
@@ -75,7 +80,7 @@ fn no_splats(root: &Path, config: &RunConfig) -> Error {
 /// A file of such a scene that is damaged or of another version.
 pub fn open_file(path: &Path) -> Result<Option<ImplicitScene>> {
     match kind_of_file(path) {
-        Some(_) => ImplicitScene::read(path).map(Some),
+        Some(_) => read_scene(path).map(Some),
         None => Ok(None),
     }
 }

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use super::read_scene;
 use super::scene::ImplicitScene;
 use crate::run::state::continue_run;
 use crate::run::{ImplicitKind, RunFolder};
@@ -21,7 +22,7 @@ pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32,
     // Newest first; of the same step the scene, which is smaller, stays first.
     candidates.sort_by_key(|(iteration, _)| std::cmp::Reverse(*iteration));
     for (iteration, path) in candidates {
-        match ImplicitScene::read(&path) {
+        match read_scene(&path) {
             Ok(scene) => return Ok((u32::try_from(iteration)?, scene)),
             Err(error) => observer.warn(&format!("skipping a damaged file: {error:#}")),
         }

@@ -1,13 +1,10 @@
 //! [`ImplicitScene`]: a field or anchors, with what is needed to render them in the radiance of
 //! their data set.
 
-use std::path::Path;
-
 use luxel_core::{Knots, Scene};
 use luxel_field::{Field, FieldEngine};
 use luxel_train::{AnchorEngine, AnchorScene};
 
-use super::{anchor_files, field_files};
 use crate::error::Context;
 use crate::{Error, Remedy, Result, SelectedEngine, text};
 
@@ -35,11 +32,6 @@ pub struct ImplicitScene {
 }
 
 impl ImplicitScene {
-    /// Reads the scene of a file, that of a checkpoint too.
-    pub(super) fn read(path: &Path) -> Result<Self> {
-        if luxel_io::holds_arrays(path, anchor_files::FORMAT) { anchor_files::read(path) } else { field_files::read(path) }
-    }
-
     /// Returns the number of trained numbers.
     pub fn parameter_count(&self) -> usize {
         match &self.content {

@@ -103,21 +103,18 @@ impl Session<'_> {
                 self.folder.log().display()
             ));
         }
+        let spent_s = last.as_ref().map_or(0.0, |record| record.elapsed_s);
         let mut state = LoopState {
             log,
             log_failed: false,
             lock: self.folder.lock_identity(),
-            clock: Clock::resumed(
-                last.as_ref().map_or(0.0, |record| record.elapsed_s),
-                last.as_ref().map_or(Some(0.0), |record| record.cpu_s),
-            ),
+            clock: Clock::resumed(spent_s, last.as_ref().map_or(Some(0.0), |record| record.cpu_s)),
             peak_before: last.as_ref().and_then(|record| record.peak_rss_bytes),
             psnr_test: last.as_ref().and_then(|record| record.psnr_test),
             psnr_test_sample: last.and_then(|record| record.psnr_test_sample),
             sums: LogSums::default(),
-            budget: None,
+            budget: self.config.run.time.map(|limit| TimeBudget::new(limit, self.since, start, spent_s)),
         };
-        state.budget = self.config.run.time.map(|limit| TimeBudget::new(limit, self.since, start, state.clock.seconds()));
         let listening = self.stop.listen();
         self.observer.event(Event::StepsBegin { done: start, total: self.trainer.config().iterations });
         let outcome = self.train(&mut state);

@@ -93,8 +93,8 @@ fn aperture(args: &RenderArgs, scene: &Scene, shot: &Shot) -> Result<Option<Aper
 /// Takes photographs, and keeps the numbers to report.
 #[derive(Default)]
 pub(super) struct Photographer {
-    /// The focus measured last, and by which camera.
-    measured: Option<([u32; 2], Camera, f64)>,
+    /// Distances in focus that were measured, with the camera that sees them.
+    measured: Vec<(Camera, f64)>,
     taken: Vec<Quality>,
 }
 
@@ -126,15 +126,13 @@ impl Photographer {
         engine: &mut dyn Engine,
         options: &RenderOptions,
     ) -> Result<f64> {
-        if let Some((at, by, distance)) = &self.measured
-            && (at, by) == (&pixel, camera)
-        {
+        if let Some((_, distance)) = self.measured.iter().find(|(by, _)| by == camera) {
             return Ok(*distance);
         }
         let [x, y] = pixel;
         let found = surface_distance(scene, camera, pixel, options, engine).context("cannot measure the focus")?;
         let Some(distance) = found else { bail!("--focus-at {x},{y}: there is nothing at this pixel; choose another, or give --focus") };
-        self.measured = Some((pixel, camera.clone(), distance));
+        self.measured.push((camera.clone(), distance));
         Ok(distance)
     }
 
@@ -144,8 +142,11 @@ impl Photographer {
         let (Some(least), Some(most)) = (samples.clone().min(), samples.max()) else { return };
         let error = self.taken.iter().map(|quality| quality.error).fold(0.0, f64::max);
         let count = if least == most { most.to_string() } else { format!("{least} to {most}") };
-        if let Some((_, _, distance)) = &self.measured {
-            console.note(&format!("in focus: {} from the camera", text::number(*distance)));
+        let distances = || self.measured.iter().map(|(_, distance)| *distance);
+        match [distances().fold(f64::INFINITY, f64::min), distances().fold(0.0, f64::max)].map(text::number) {
+            _ if self.measured.is_empty() => {}
+            [nearest, farthest] if nearest == farthest => console.note(&format!("in focus: {nearest} from the camera")),
+            [nearest, farthest] => console.note(&format!("in focus: {nearest} to {farthest} from the cameras")),
         }
         console.note(&format!("{count} samples of the lens an image; estimated error at most {} %", text::number(100.0 * error)));
         if args.photograph.lens_samples.is_none() && error > TOLERANCE {
