@@ -22,8 +22,8 @@ use super::interop_id;
 use crate::{IoError, write_atomically};
 
 /// Writes R, G, B (and A, Z and N if there are any) with ZIP compression in blocks of 16 lines.
-/// Returns how many values were above the range of [`ExrSample::Half`] and are written as its
-/// largest number.
+/// Returns how many values were above the range of [`ExrSample::Half`](crate::ExrSample::Half) and
+/// are written as its largest number.
 ///
 /// ```
 /// use luxel_core::Image;
