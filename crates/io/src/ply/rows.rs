@@ -322,10 +322,7 @@ fn parse_word<R: BufRead, T: std::str::FromStr>(
 
 /// Returns the first `N` bytes, least significant first.
 fn little<const N: usize>(bytes: &[u8], format: Format) -> [u8; N] {
-    let mut out = [0u8; N];
-    for (to, from) in out.iter_mut().zip(bytes) {
-        *to = *from;
-    }
+    let mut out = bytes.first_chunk().copied().unwrap_or([0; N]);
     if format == Format::BigEndian {
         out.reverse();
     }
