@@ -162,6 +162,7 @@ fn dispatch(command: Command, explicit: &ExplicitArgs, words: &[OsString]) -> Re
         Command::Edit(args) => commands::edit::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Export(args) => commands::export::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Mix(args) => commands::mix::run(&args).map(|()| Outcome::Finished),
+        Command::Lights(args) => commands::lights::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Probe(args) => commands::probe::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Pick(args) => commands::pick::run(&args, explicit).map(|()| Outcome::Finished),
         #[cfg(feature = "view")]

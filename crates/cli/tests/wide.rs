@@ -95,3 +95,23 @@ fn a_probe_has_coverage_a_preview_and_lamps() {
     assert!(alpha.iter().all(|a| (-1e-6..=1.0 + 1e-6).contains(a)) && alpha.iter().any(|a| *a > 0.5));
     place.error(&[&probe[..], &["--tonemap", "agx"]].concat(), &["exists already"]);
 }
+
+#[test]
+fn lamps_are_written_in_every_format_with_the_rest_of_the_light() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    let told = place.events(&["lights", "run", "-o", "lights.usda", "--medians", "3", "--size", "32"], "finished");
+    assert!(told[0]["lights"].is_array() && told[0]["map"] == "lights_dome.exr", "{}", told[0]);
+    let layer = std::fs::read_to_string(place.path("lights.usda")).unwrap();
+    assert!(layer.contains("@@@./lights_dome.exr@@@"), "{layer}");
+    let map = read_image(&place.path("lights_dome.exr"), &ReadOptions::default()).unwrap().image;
+    assert_eq!((map.width, map.height), (32, 16));
+    for name in ["lights.glb", "lights.json", "lights.csv"] {
+        place.ok(&["lights", "run", "-o", name, "--no-dome"]);
+        assert!(place.path(name).is_file());
+    }
+    place.error(&["lights", "run", "-o", "lights.usda"], &["exists already"]);
+    place.error(&["lights", "run", "-o", "lights.obj"], &[".usda"]);
+    std::fs::copy(place.path("run/point_cloud/iteration_30/point_cloud.ply"), place.path("scene.ply")).ok();
+    place.error(&["lights", "scene.ply", "-o", "other.usda"], &["no cameras", "--data"]);
+}

@@ -63,7 +63,7 @@ impl Projection {
     }
 
     /// Returns the solid angle of a pixel, steradians.
-    fn solid_angle(self, [x, y]: [usize; 2], width: usize) -> f64 {
+    pub fn solid_angle(self, [x, y]: [usize; 2], width: usize) -> f64 {
         use std::f64::consts::PI;
         let w = width as f64;
         match self {

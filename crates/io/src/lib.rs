@@ -19,6 +19,7 @@ mod icc;
 mod image;
 mod joined;
 mod lens;
+mod lights;
 mod local_frame;
 mod memory;
 #[cfg(not(feature = "ocio"))]
@@ -65,6 +66,7 @@ pub use image::{
     holds_radiance, image_size, pinhole_within, read_codes, read_exr_attributes, read_image, undistort, undistort_into, write_deep_exr,
     write_exr, write_png,
 };
+pub use lights::{LightShape, StageDome, StageLight, StageLights, encode_lights_glb, stage_lights_text, write_lights};
 pub use luxel_core::photo::{Codes, Exif, IccProfile, PhotoInfo, PhotoKind, RawInfo, RawPixels};
 pub use memory::{available_memory, given_memory_limit, memory_limit, set_memory_limit, system_memory};
 #[cfg(not(feature = "ocio"))]

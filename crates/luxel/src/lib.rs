@@ -65,6 +65,7 @@ pub mod export;
 pub mod files;
 pub mod implicit;
 pub mod lens;
+pub mod lights;
 mod log_record;
 pub mod machine;
 pub mod memory;

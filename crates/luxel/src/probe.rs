@@ -108,6 +108,20 @@ impl Probe {
         preview::write(path, &image, self.color_space, look)
     }
 
+    /// Gives directions that no splat covers this radiance, and returns their part of the sphere.
+    /// Without coverage nothing changes.
+    pub(crate) fn fill_unseen(&mut self, radiance: [f32; 3]) -> f64 {
+        let Some(alpha) = &self.alpha else { return 0.0 };
+        let (width, mut open) = (self.image.width, 0.0);
+        for (i, (pixel, alpha)) in self.image.pixels.iter_mut().zip(alpha).enumerate() {
+            let part = 1.0 - alpha.clamp(0.0, 1.0);
+            open += f64::from(part) * self.projection.solid_angle([i % width, i / width], width);
+            pixel.iter_mut().zip(radiance).for_each(|(value, fill)| *value += part * fill);
+        }
+        self.summary = Summary::new(&self.image, self.projection);
+        open / (4.0 * std::f64::consts::PI)
+    }
+
     /// Returns the colour space of the pixels.
     pub fn color_space(&self) -> ColorSpace {
         self.color_space

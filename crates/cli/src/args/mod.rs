@@ -8,6 +8,7 @@ mod completions;
 mod edit;
 mod export;
 mod help;
+mod lights;
 mod mix;
 mod photograph;
 mod pick;
@@ -37,6 +38,7 @@ pub(crate) use self::compare::CompareArgs;
 pub(crate) use self::completions::{CompletionsArgs, ManArgs};
 pub(crate) use self::edit::{EditArgs, EditText, ShMapArg};
 pub(crate) use self::export::ExportArgs;
+pub(crate) use self::lights::LightsArgs;
 pub(crate) use self::mix::MixArgs;
 pub(crate) use self::pick::PickArgs;
 pub(crate) use self::prepare::PrepareArgs;
@@ -190,6 +192,8 @@ pub(crate) enum Command {
     Export(Box<ExportArgs>),
     /// Render the light that arrives at a point of the scene as an environment map.
     Probe(Box<ProbeArgs>),
+    /// Find the lamps of a scene, and write them with the rest of its light for other programs.
+    Lights(Box<LightsArgs>),
     /// Show what a pixel of a view is made of: radiance, depth, the point in the world, splats.
     Pick(Box<PickArgs>),
     /// Look at a scene in the browser, in radiance: exposure, false colour, probe, ground truth.

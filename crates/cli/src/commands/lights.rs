@@ -1,0 +1,119 @@
+//! `luxel lights`: the lamps of a scene, and the rest of its light.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use luxel::lights::{AreaLight, SceneLights, lights_csv, lights_json, scene_lights};
+use luxel::run::ExplicitArgs;
+use luxel::{Device, output, text};
+use luxel_core::Dataset;
+use luxel_io::{ExrSample, LightShape, write_atomically, write_lights};
+
+use crate::args::LightsArgs;
+use crate::args::values::UpArg;
+use crate::inputs::engine;
+use crate::inputs::scene_source::{DataRequest, SceneSource};
+use crate::output::console::Console;
+use crate::output::tree::Tree;
+
+/// Finds and writes the lamps; `explicit` names the options that were given.
+pub(crate) fn run(args: &LightsArgs, explicit: &ExplicitArgs) -> Result<()> {
+    let console = Console::new(args.input.console.log_format, args.input.console.quiet);
+    output::check_extension(&args.output, &["usda", "glb", "json", "csv"])?;
+    output::check_free(&args.output, args.overwrite)?;
+    let map = (!args.no_dome).then(|| dome_path(&args.output));
+    if let Some(map) = &map {
+        output::check_free(map, args.overwrite)?;
+    }
+    let source = SceneSource::open(&args.input.scene, &console)?;
+    let Some(dataset) = source.dataset(DataRequest::new(&args.input, explicit), &console)? else {
+        anyhow::bail!("no cameras: lamps are measured from the views of a data set; give --data DATASET");
+    };
+    let mut device = args.input.device.clone();
+    // Only the CPU engine renders coverage, which says which directions no view saw.
+    if !args.no_dome && !args.no_fill && device.device == Device::Auto {
+        device.device = Device::Cpu;
+    }
+    let mut engine = engine::engine(&device)?.engine;
+    let lights = scene_lights(source.scene, &dataset, &args.options(), engine.as_mut(), &console)?;
+    write(args, &lights, &dataset, map.as_deref())?;
+    if lights.lights.is_empty() {
+        console.warn("no lamps found: all light is in the map; a lower --medians finds fainter ones");
+    }
+    for left in &lights.left_in_map {
+        console.note(&format!("left in the map: {left}"));
+    }
+    if lights.unseen_share > 0.01 && !args.no_fill && map.is_some() {
+        let percent = 100.0 * lights.unseen_share;
+        console.warn(&format!(
+            "no view saw {percent:.0} % of the map's directions: they have the median radiance of the views; --no-fill leaves them black"
+        ));
+    }
+    let tree = describe(args, &lights, map.as_deref());
+    let mut json = tree.json();
+    json["lights"] = lights_json(&lights);
+    console.finish(json, &format!("{}{}", tree.text().trim_end(), lamps_text(&lights.lights)))
+}
+
+/// Returns the path of the map beside a file.
+fn dome_path(output: &Path) -> PathBuf {
+    let stem = output.file_stem().unwrap_or_default().to_string_lossy();
+    output.with_file_name(format!("{stem}_dome.exr"))
+}
+
+/// Writes the lamps and the map.
+fn write(args: &LightsArgs, lights: &SceneLights, dataset: &Dataset, map: Option<&Path>) -> Result<()> {
+    if let (Some(dome), Some(path)) = (&lights.dome, map) {
+        dome.save_exr(path, ExrSample::Float)?;
+    }
+    let text = match args.output.extension().and_then(|extension| extension.to_str()) {
+        Some("json") => format!("{:#}\n", lights_json(lights)),
+        Some("csv") => lights_csv(lights),
+        _ => {
+            let texture = map.and_then(Path::file_name).map(|name| format!("./{}", name.to_string_lossy()));
+            write_lights(&args.output, &lights.stage(texture.as_deref(), UpArg::up(args.up), dataset)?)?;
+            return Ok(());
+        }
+    };
+    write_atomically(&args.output, |file| {
+        file.write_all(text.as_bytes()).map_err(|e| luxel_io::IoError::system(&args.output, "write", &e))
+    })?;
+    Ok(())
+}
+
+fn describe(args: &LightsArgs, lights: &SceneLights, map: Option<&Path>) -> Tree {
+    let mut tree = Tree::default();
+    tree.set("file", args.output.display().to_string());
+    tree.set("lamps", lights.lights.len());
+    tree.set("color_space", lights.color_space.name());
+    if let (Some(dome), Some(map)) = (&lights.dome, map) {
+        tree.set("map", map.display().to_string());
+        tree.set_f32s("mean_radiance", &dome.summary.mean_radiance.map(|v| v as f32));
+        tree.set_f32("unseen_share", lights.unseen_share as f32);
+    }
+    tree
+}
+
+/// Returns the lamps as lines of a table.
+fn lamps_text(lights: &[AreaLight]) -> String {
+    if lights.is_empty() {
+        return String::new();
+    }
+    let mut table = String::from("\nlamp  shape                    middle        size  intensity            error  cameras");
+    for (i, light) in lights.iter().enumerate() {
+        let [x, y, z] = light.middle;
+        let size = match light.shape {
+            LightShape::Sphere { radius } | LightShape::Disk { radius, .. } => format!("r {}", text::number(radius)),
+            LightShape::Rect { size, .. } => size.map(text::number).join(" x "),
+        };
+        let [r, g, b] = light.intensity.map(text::number);
+        let error = format!("{:.1} %", 100.0 * light.error);
+        table += &format!(
+            "\n{:<4}  {:<9} {x:8.3} {y:8.3} {z:8.3}  {size:>10}  {r} {g} {b}  {error:>7}  {}",
+            i + 1,
+            light.shape.name(),
+            light.cameras
+        );
+    }
+    table
+}

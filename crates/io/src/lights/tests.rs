@@ -1,0 +1,80 @@
+use glam::DVec3;
+use luxel_core::ColorSpace;
+
+use super::*;
+
+fn lights() -> StageLights {
+    let normal = DVec3::new(0.0, -0.8, 0.6);
+    StageLights {
+        lights: vec![
+            StageLight { middle: DVec3::new(1.0, 2.0, 3.0), shape: LightShape::Sphere { radius: 0.048 }, radiance: [170.0, 126.0, 71.0] },
+            StageLight { middle: DVec3::ZERO, shape: LightShape::Disk { radius: 0.1, normal }, radiance: [10.0, 20.0, 5.0] },
+            StageLight {
+                middle: DVec3::Y,
+                shape: LightShape::Rect { size: [2.0, 1.0], normal, along: DVec3::X },
+                radiance: [1.0, 2.0, 4.0],
+            },
+        ],
+        dome: Some(StageDome { texture: "./a@b.exr".into() }),
+        metres_per_unit: Some(0.5),
+        color_space: ColorSpace::LinearRec709,
+    }
+}
+
+#[test]
+fn lamps_shine_along_their_normals() {
+    for light in lights().lights {
+        let axes = light.shape.axes();
+        assert!((axes.determinant() - 1.0).abs() < 1e-12, "{axes}");
+        match light.shape {
+            LightShape::Sphere { .. } => {}
+            LightShape::Disk { normal, .. } | LightShape::Rect { normal, .. } => assert!((axes * DVec3::NEG_Z).distance(normal) < 1e-12),
+        }
+    }
+}
+
+#[test]
+fn a_layer_holds_radiance_as_intensity_times_colour() {
+    let text = stage_lights_text(&lights());
+    for expected in [
+        "upAxis = \"Y\"",
+        "metersPerUnit = 0.5",
+        "def SphereLight \"Lamp_1\"",
+        "float inputs:intensity = 170\n",
+        "color3f inputs:color = (1, 0.7411764705882353, 0.4176470588235294) (",
+        "bool inputs:normalize = 0",
+        "float inputs:radius = 0.048",
+        "( (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (1, 2, 3, 1) )",
+        "def DiskLight \"Lamp_2\"",
+        "def RectLight \"Lamp_3\"",
+        "float inputs:height = 1\n        float inputs:width = 2\n",
+        "asset inputs:texture:file = @@@./a@b.exr@@@",
+    ] {
+        assert!(text.contains(expected), "{expected} in\n{text}");
+    }
+    let none = StageLights { lights: Vec::new(), dome: None, metres_per_unit: None, ..lights() };
+    assert!(stage_lights_text(&none).contains("metersPerUnit is not measured"));
+}
+
+#[test]
+fn gltf_has_candela() {
+    let bytes = encode_lights_glb(Path::new("a.glb"), &lights()).unwrap();
+    assert_eq!(bytes.len() % 4, 0);
+    let document: serde_json::Value = serde_json::from_slice(&bytes[20..]).unwrap();
+    let found = &document["extensions"]["KHR_lights_punctual"]["lights"];
+    let candela = 170.0 * std::f64::consts::PI * 0.048 * 0.048;
+    assert!((found[0]["intensity"].as_f64().unwrap() / candela - 1.0).abs() < 1e-12 && found[0]["type"] == "point");
+    assert_eq!((found[2]["intensity"].as_f64().unwrap(), found[2]["type"].as_str().unwrap()), (8.0, "spot"));
+    assert_eq!(document["nodes"][0]["translation"], serde_json::json!([1.0, 2.0, 3.0]));
+    let none = encode_lights_glb(Path::new("a.glb"), &StageLights { lights: Vec::new(), ..lights() }).unwrap();
+    assert!(!String::from_utf8(none[20..].to_vec()).unwrap().contains("extensions"));
+}
+
+#[test]
+fn lamps_are_written_by_the_ending() {
+    let folder = tempfile::tempdir().unwrap();
+    write_lights(&folder.path().join("a/lights.usda"), &lights()).unwrap();
+    write_lights(&folder.path().join("lights.glb"), &lights()).unwrap();
+    let error = write_lights(&folder.path().join("lights.obj"), &lights()).unwrap_err();
+    assert!(error.to_string().ends_with("not a format of lamps, expected .usda or .glb"), "{error}");
+}

@@ -1,0 +1,153 @@
+//! Which splats shine, and which of them belong together.
+//!
+//! In: renders of the training views. Out: groups of splats whose light stands out of the scene:
+//! pixels brighter than a number of medians are lit by them, and neighbours within a few pixels
+//! are one lamp. Degenerate: a scene of even light has none.
+
+use std::collections::BTreeMap;
+
+use glam::{DVec3, IVec3};
+use luxel_core::edit::Contributions;
+use luxel_core::{Camera, Engine, Image, RenderOptions, Scene, luminance_sum};
+
+use crate::Result;
+use crate::error::Context;
+
+/// Part of a splat's blending weight that lies in bright pixels, from which on it shines.
+const LEAST_SHARE: f32 = 0.5;
+/// Distance of neighbours of one lamp, in sizes of a pixel at their depth.
+const LINK_PX: f64 = 4.0;
+/// Groups with less than this part of the strongest one's light are no lamps.
+const LEAST_PART: f64 = 1e-3;
+/// Most groups that are looked at.
+const MOST_GROUPS: usize = 64;
+
+/// A group of splats that shine.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Emitter {
+    /// The splats, ascending.
+    pub(super) splats: Vec<u32>,
+    /// What each adds to the images, the same order.
+    pub(super) weights: Vec<f64>,
+    /// Mean place, by weight, local coordinates of the scene.
+    pub(super) middle: DVec3,
+    /// Distance of neighbours, local.
+    pub(super) link: f64,
+}
+
+impl Emitter {
+    /// Returns the light that the group adds to the images.
+    pub(super) fn weight(&self) -> f64 {
+        self.weights.iter().sum()
+    }
+
+    /// Returns the root mean square distance of the splats from the middle.
+    pub(super) fn spread(&self, scene: &Scene) -> f64 {
+        let squares = self.placed(scene).map(|(p, weight)| weight * p.distance_squared(self.middle));
+        (squares.sum::<f64>() / self.weight()).sqrt()
+    }
+
+    /// Returns the splats' places and weights.
+    pub(super) fn placed<'a>(&'a self, scene: &'a Scene) -> impl Iterator<Item = (DVec3, f64)> + 'a {
+        self.splats.iter().zip(&self.weights).map(|(i, weight)| (place(scene, *i), *weight))
+    }
+}
+
+fn place(scene: &Scene, i: u32) -> DVec3 {
+    DVec3::from_array(scene.splats.position[i as usize].map(f64::from))
+}
+
+/// Returns the luminance above which a pixel shows a lamp: `medians` times the median of the
+/// pixels that show anything.
+pub(super) fn threshold(views: &[(Camera, Image)], medians: f64) -> f32 {
+    let median = median(views, |pixel| luminance_sum(*pixel));
+    if median > 0.0 { (medians * f64::from(median)) as f32 } else { f32::INFINITY }
+}
+
+/// Returns the median radiance of the views, by channel: what a direction that none of them shows
+/// is likely to have.
+pub(super) fn typical(views: &[(Camera, Image)]) -> [f32; 3] {
+    [0, 1, 2].map(|c| median(views, |pixel| pixel[c]))
+}
+
+/// Returns the median of a value of the pixels where it is above 0; 0 without any.
+fn median(views: &[(Camera, Image)], value: impl Fn(&[f32; 3]) -> f32) -> f32 {
+    let mut lit: Vec<f32> = views.iter().flat_map(|(_, image)| &image.pixels).map(value).filter(|y| *y > 0.0).collect();
+    if lit.is_empty() {
+        return 0.0;
+    }
+    let middle = lit.len() / 2;
+    *lit.select_nth_unstable_by(middle, f32::total_cmp).1
+}
+
+/// Finds the groups, strongest first; `engine` holds the scene.
+pub(super) fn emitters(
+    scene: &Scene,
+    views: &[(Camera, Image)],
+    threshold: f32,
+    options: &RenderOptions,
+    engine: &mut dyn Engine,
+) -> Result<Vec<Emitter>> {
+    let mut sums = [const { Vec::new() }; 3];
+    sums.iter_mut().for_each(|sum: &mut Vec<f64>| sum.resize(scene.splats.len(), 0.0));
+    for (camera, image) in views {
+        let mask: Vec<f32> = image.pixels.iter().map(|p| f32::from(u8::from(luminance_sum(*p) > threshold))).collect();
+        if mask.iter().all(|m| *m == 0.0) {
+            continue;
+        }
+        let Contributions { masked, blended, light, .. } =
+            engine.contributions(camera, options, &mask).context("cannot measure the splats' contributions")?;
+        for (sum, part) in sums.iter_mut().zip([masked, blended, light]) {
+            sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += f64::from(part));
+        }
+    }
+    let [masked, blended, light] = sums;
+    let shines = |i: &usize| light[*i] > 0.0 && masked[*i] > f64::from(LEAST_SHARE) * blended[*i];
+    let shining: Vec<usize> = (0..scene.splats.len()).filter(shines).collect();
+    let link = LINK_PX * pixel_size(scene, views, &shining);
+    Ok(groups(scene, &shining, &light, link))
+}
+
+/// Returns the median size of a pixel at the depth of the splats.
+fn pixel_size(scene: &Scene, views: &[(Camera, Image)], splats: &[usize]) -> f64 {
+    let middle = splats.iter().map(|i| place(scene, *i as u32)).sum::<DVec3>() / splats.len().max(1) as f64;
+    let mut sizes: Vec<f64> = views.iter().map(|(camera, _)| camera.eye().distance(middle) / camera.focal_px.x).collect();
+    sizes.sort_by(f64::total_cmp);
+    sizes.get(sizes.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Divides splats into groups of neighbours: cells of the size of `link` that touch.
+fn groups(scene: &Scene, splats: &[usize], light: &[f64], link: f64) -> Vec<Emitter> {
+    if !(link.is_finite() && link > 0.0) {
+        return Vec::new();
+    }
+    let mut cells: BTreeMap<[i32; 3], Vec<u32>> = BTreeMap::new();
+    for i in splats {
+        let cell = (place(scene, *i as u32) / link).floor().as_ivec3();
+        cells.entry(cell.to_array()).or_default().push(*i as u32);
+    }
+    let mut found = Vec::new();
+    while let Some((first, members)) = cells.pop_first() {
+        let (mut reached, mut group, mut next) = (vec![first], members, 0);
+        while let Some(&cell) = reached.get(next) {
+            next += 1;
+            for n in 0..27 {
+                let near = IVec3::from_array(cell).wrapping_add(IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1));
+                if let Some(members) = cells.remove(&near.to_array()) {
+                    reached.push(near.to_array());
+                    group.extend(members);
+                }
+            }
+        }
+        group.sort_unstable();
+        let weights: Vec<f64> = group.iter().map(|i| light[*i as usize]).collect();
+        let whole: f64 = weights.iter().sum();
+        let middle = group.iter().zip(&weights).map(|(i, weight)| place(scene, *i) * *weight).sum::<DVec3>() / whole;
+        found.push(Emitter { splats: group, weights, middle, link });
+    }
+    found.sort_by(|a, b| b.weight().total_cmp(&a.weight()));
+    let least = LEAST_PART * found.first().map_or(0.0, Emitter::weight);
+    found.retain(|emitter| emitter.weight() >= least);
+    found.truncate(MOST_GROUPS);
+    found
+}

@@ -1,0 +1,64 @@
+//! Lamps as JSON and as a table.
+
+use std::fmt::Write as _;
+
+use luxel_io::LightShape;
+use serde_json::{Value, json};
+
+use super::SceneLights;
+
+/// Returns the lamps as a JSON array: lengths in world units, radiance in those of the data set.
+pub fn lights_json(lights: &SceneLights) -> Value {
+    let entry = |light: &super::AreaLight| {
+        let mut entry = json!({
+            "shape": light.shape.name(), "middle": light.middle, "radiance": light.radiance, "intensity": light.intensity,
+            "power": light.power, "relative_error": light.error, "cameras": light.cameras, "splats": light.splats,
+        });
+        match light.shape {
+            LightShape::Sphere { radius } => entry["radius"] = radius.into(),
+            LightShape::Disk { radius, normal } => {
+                entry["radius"] = radius.into();
+                entry["normal"] = json!(normal.to_array());
+            }
+            LightShape::Rect { size, normal, along } => {
+                entry["size"] = json!(size);
+                entry["normal"] = json!(normal.to_array());
+                entry["along"] = json!(along.to_array());
+            }
+        }
+        entry
+    };
+    lights.lights.iter().map(entry).collect()
+}
+
+/// Returns the lamps as comma-separated values with a line of names. Balls have no normal and no
+/// height; discs and balls have their radius as width.
+pub fn lights_csv(lights: &SceneLights) -> String {
+    let mut text = String::from(
+        "lamp,shape,x,y,z,normal_x,normal_y,normal_z,width,height,radiance_r,radiance_g,radiance_b,intensity_r,intensity_g,intensity_b,\
+         power_r,power_g,power_b,relative_error,cameras,splats\n",
+    );
+    for (i, light) in lights.lights.iter().enumerate() {
+        let [normal, size] = match light.shape {
+            LightShape::Sphere { radius } => [",,".to_owned(), format!("{radius},")],
+            LightShape::Disk { radius, normal } => [joined(normal.to_array()), format!("{radius},")],
+            LightShape::Rect { size: [width, height], normal, .. } => [joined(normal.to_array()), format!("{width},{height}")],
+        };
+        let [middle, radiance, intensity, power] = [light.middle, light.radiance, light.intensity, light.power].map(joined);
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            text,
+            "{},{},{middle},{normal},{size},{radiance},{intensity},{power},{},{},{}",
+            i + 1,
+            light.shape.name(),
+            light.error,
+            light.cameras,
+            light.splats
+        );
+    }
+    text
+}
+
+fn joined(values: [f64; 3]) -> String {
+    values.map(|v| v.to_string()).join(",")
+}

@@ -1,0 +1,117 @@
+use glam::DAffine3;
+
+use luxel_core::{ColorModel, SH_OFFSET, Splat, Splats, logit, sh};
+use luxel_cpu::CpuEngine;
+
+use super::*;
+use crate::Silent;
+use crate::synthetic::{room, room_camera};
+
+/// Radiance of the lamps.
+const LAMP: [f32; 3] = [80.0, 60.0, 30.0];
+
+/// Adds an opaque round splat.
+fn add(splats: &mut Splats, position: DVec3, sigma: f64, radiance: [f32; 3]) {
+    splats.push(&Splat {
+        position: position.to_array().map(|v| v as f32),
+        rotation: [1.0, 0.0, 0.0, 0.0],
+        log_scale: [sigma.ln() as f32; 3],
+        opacity_logit: logit(0.99),
+        sh: &radiance.map(|l| (l - SH_OFFSET) / sh::C0),
+        raw_luminance: &[],
+    });
+}
+
+/// Adds a square sheet of splats through `middle`, spanned by two half edges.
+fn sheet(splats: &mut Splats, middle: DVec3, edges: [DVec3; 2], steps: i32, radiance: [f32; 3]) {
+    let step = edges[0].length() / f64::from(steps);
+    for (i, j) in (-steps..=steps).flat_map(|i| (-steps..=steps).map(move |j| (i, j))) {
+        let [a, b] = [i, j].map(|n| f64::from(n) / f64::from(steps));
+        add(splats, middle + a * edges[0] + b * edges[1], 0.6 * step, radiance);
+    }
+}
+
+/// A scene with a dim wall behind the place of lamps, 3 in front of the cameras.
+fn scene(lamp: impl FnOnce(&mut Splats)) -> Scene {
+    let mut splats = Splats::empty(ColorModel::Sh { degree: 0 });
+    sheet(&mut splats, DVec3::new(0.0, 0.0, 4.0), [4.0 * DVec3::X, 4.0 * DVec3::Y], 14, [0.2, 0.2, 0.2]);
+    lamp(&mut splats);
+    Scene { splats, ..(*room(1, 1)).clone() }
+}
+
+/// Cameras on an arc that look at (0, 0, 3).
+fn arc() -> Vec<Camera> {
+    let turned = |i: i32| {
+        let turn = DAffine3::from_rotation_y(0.12 * f64::from(i)) * DAffine3::from_rotation_x(0.05 * f64::from(i * i % 5 - 2));
+        let aim = DAffine3::from_translation(DVec3::new(0.0, 0.0, 3.0));
+        Camera { camera_from_world: aim * turn * aim.inverse(), ..room_camera([96, 96]) }
+    };
+    (-4..=4).map(turned).collect()
+}
+
+fn found(scene: &Scene) -> (Vec<AreaLight>, Vec<String>) {
+    let mut engine = CpuEngine::new(1).unwrap();
+    let (found, left) =
+        find(scene, &rendered(scene, &arc(), &mut engine).unwrap(), &LightOptions::default(), &mut engine, &Silent).unwrap();
+    (found.iter().map(|found| in_world(found, scene, ColorSpace::LinearRec709)).collect(), left)
+}
+
+#[test]
+fn a_ball_is_found_where_it_is_with_its_light() {
+    let scene = scene(|splats| add(splats, DVec3::new(0.3, -0.2, 3.0), 0.08, LAMP));
+    let (lights, left) = found(&scene);
+    let [light] = &lights[..] else { panic!("{lights:?} {left:?}") };
+    assert!(matches!(light.shape, LightShape::Sphere { .. }) && light.cameras == 9 && light.error < 0.03, "{light:?}");
+    assert!(DVec3::from_array(light.middle).distance(DVec3::new(0.3, -0.2, 3.0)) < 1e-3, "{light:?}");
+    // The light of a Gaussian: 2 pi sigma^2 times its opacity.
+    let expected = f64::from(scene.radiance_scale.restored_value(LAMP[0])) * 0.99 * 2.0 * std::f64::consts::PI * 0.08f64.powi(2);
+    assert!((light.intensity[0] / expected - 1.0).abs() < 0.05, "{light:?} {expected}");
+    assert!((light.radiance[1] / light.radiance[0] - 0.75).abs() < 1e-3);
+}
+
+#[test]
+fn a_lamp_in_a_shade_shines_by_the_cosine() {
+    // A bright sheet that looks along x and towards the cameras, with a dark one behind it.
+    let normal = DVec3::new(0.8, 0.0, -0.6);
+    let edges = [0.2 * DVec3::Y, 0.2 * normal.cross(DVec3::Y)];
+    let scene = scene(|splats| {
+        sheet(splats, DVec3::new(0.0, 0.0, 3.0), edges, 6, LAMP);
+        sheet(splats, DVec3::new(0.0, 0.0, 3.0) - 0.08 * normal, [1.3 * edges[0], 1.3 * edges[1]], 8, [0.02; 3]);
+    });
+    let (lights, left) = found(&scene);
+    let [light] = &lights[..] else { panic!("{lights:?} {left:?}") };
+    let LightShape::Disk { normal: direction, radius } = light.shape else { panic!("{light:?}") };
+    assert!(direction.dot(normal) > 0.97, "{direction}");
+    // The sheet of 0.4 x 0.4, whose splats reach half a step beyond it.
+    assert!((0.16..0.30).contains(&(std::f64::consts::PI * radius * radius)), "{radius}");
+    assert!((light.power[0] / light.intensity[0] - std::f64::consts::PI).abs() < 1e-9);
+}
+
+#[test]
+fn even_light_has_no_lamps_and_two_lamps_are_two() {
+    assert_eq!(found(&scene(|_| ())), (Vec::new(), Vec::new()));
+    let two = scene(|splats| {
+        add(splats, DVec3::new(0.8, 0.0, 3.0), 0.05, LAMP);
+        add(splats, DVec3::new(-0.8, 0.0, 3.0), 0.1, LAMP);
+    });
+    let (lights, _) = found(&two);
+    assert_eq!(lights.len(), 2);
+    assert!(lights[0].middle[0] < 0.0 && lights[0].intensity[0] > 3.0 * lights[1].intensity[0], "{lights:?}");
+}
+
+#[test]
+fn the_map_is_between_the_cameras_and_what_they_look_at() {
+    assert!(between(&arc()).distance(0.5 * (DVec3::new(0.0, 0.0, 3.0) + arc().iter().map(Camera::eye).sum::<DVec3>() / 9.0)) < 1e-6);
+    let parallel = vec![room_camera([8, 8]); 3];
+    assert_eq!(between(&parallel), DVec3::ZERO);
+}
+
+#[test]
+fn tables_have_a_row_for_each_lamp() {
+    let (lights, left_in_map) = found(&scene(|splats| add(splats, DVec3::new(0.0, 0.0, 3.0), 0.1, LAMP)));
+    let lights = SceneLights { lights, dome: None, unseen_share: 0.0, left_in_map, color_space: ColorSpace::LinearRec709 };
+    let table = lights_csv(&lights);
+    let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
+    assert!(rows.len() == 2 && rows[0].len() == rows[1].len() && rows[1][1] == "sphere", "{table}");
+    assert_eq!(lights_json(&lights)[0]["cameras"], 9);
+}
