@@ -84,6 +84,7 @@ pub mod schema;
 pub mod sight;
 pub mod solids;
 pub mod stage;
+mod step_methods;
 pub mod study;
 pub mod synthetic;
 pub mod text;

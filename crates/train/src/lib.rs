@@ -32,6 +32,7 @@ mod schedule;
 mod smoothing;
 mod start_views;
 mod state;
+mod step_method;
 #[cfg(test)]
 mod testing;
 mod trainer;
@@ -50,7 +51,7 @@ pub use contribution::add_contribution;
 pub use error::TrainError;
 pub use init::{Initial, first_colors_bytes, initialise, radiance_scale_of, start_scale, stereo_bytes};
 pub use neighbourhood::Neighbourhood;
-pub use peers::{ToneMapperRecord, one_exposure};
+pub use peers::{CapturedMethods, one_exposure};
 pub use pixel_weights::NoiseChoice;
 pub use poses::{ALIGNMENT_STEPS, AlignmentScene, PoseChange, PoseReport, align_camera, pose_change};
 pub use reconstruction::{ArrayFile, FileArray, Reconstruction, SavedRun, SceneContent, SceneSize};
@@ -59,6 +60,7 @@ pub use resolution::{ResolutionSchedule, Stage};
 pub use schedule::{ABSGRAD_OPACITY_CAP, RESET_OPACITY, Schedule};
 pub use smoothing::smoothing;
 pub use state::{snapshot_config, snapshot_response, snapshot_vignetting};
+pub use step_method::{MethodState, MethodStep, NoMethods, StepImages, StepMethod, StepMethods, ToneMapperRecord, TrainingMeans};
 pub use trainer::{RunState, Trainer, lifted_engine, snapshot_scene};
 pub use vignetting::LensVignetting;
 

@@ -8,8 +8,7 @@
 
 use luxel_core::{Camera, Engine, Knots, RadianceScale, RenderOptions, Scene, StepReport};
 
-use crate::peers::ToneMapperRecord;
-use crate::{LensVignetting, PoseReport, RunState, TrainConfig, TrainError, Trainer};
+use crate::{LensVignetting, PoseReport, RunState, ToneMapperRecord, TrainConfig, TrainError, Trainer};
 
 /// The numbers of parts of a scene in training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

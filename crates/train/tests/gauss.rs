@@ -4,8 +4,8 @@
 
 mod common;
 
-use common::runs::{captured, check_resumed_and_threads, psnr, trained};
-use common::{config, dataset, engine};
+use common::runs::{captured, check_resumed_and_threads, means, psnr, trained};
+use common::{config, dataset};
 use luxel_core::Dataset;
 use luxel_metrics::GainFit;
 use luxel_train::{Method, TrainConfig, Trainer};
@@ -43,7 +43,7 @@ fn a_resumed_run_equals_an_unbroken_one_and_any_number_of_threads_one() {
 
 #[test]
 fn radiance_is_refused() {
-    let Err(error) = Trainer::new(&dataset(), base(10), engine()) else { panic!("was accepted") };
+    let Err(error) = Trainer::new(&dataset(), base(10), means()) else { panic!("was accepted") };
     assert!(error.to_string().starts_with("method gausshdr: view train/0 is radiance, expected a captured image"), "{error}");
     assert!(error.remedy().unwrap().to_string().contains("supervision"));
 }

@@ -4,11 +4,11 @@
 
 mod common;
 
-use common::runs::{captured, check_resumed_and_threads, psnr, trained};
+use common::runs::{captured, check_resumed_and_threads, means, psnr, trained};
 use common::{config, dataset, engine};
 use luxel_core::{Dataset, Engine, Snapshot};
 use luxel_metrics::{GainFit, Measures, evaluate};
-use luxel_train::{HdrNormalisation, Method, TrainConfig, Trainer, lifted_engine, snapshot_scene};
+use luxel_train::{CapturedMethods, HdrNormalisation, Method, TrainConfig, Trainer, lifted_engine, snapshot_scene};
 
 const EXPOSURE_S: f32 = 4.0;
 
@@ -35,12 +35,12 @@ fn psnr_in(engine: &mut dyn Engine, trainer: &Trainer, data: &Dataset, gain_fit:
 /// the scene without the lift.
 fn psnr_thrice(trainer: &mut Trainer, data: &Dataset, gain_fit: GainFit<'_>) -> [f64; 3] {
     let snapshot: Snapshot = trainer.snapshot().unwrap();
-    let mut again = lifted_engine(&snapshot, engine()).unwrap().unwrap();
+    let mut again = lifted_engine(&snapshot, engine(), &CapturedMethods).unwrap().unwrap();
     let mut folded = engine();
     let scene = trainer.scene().unwrap();
     assert_eq!((scene.splats.color_model.name().as_str(), snapshot.scene.splats.color_model.name().as_str()), ("logsh3", "sh3"));
     folded.load(&scene.splats, None).unwrap();
-    let of_own = psnr(&mut Trainer::resume(data, snapshot, engine()).unwrap(), data, gain_fit);
+    let of_own = psnr(&mut Trainer::resume(data, snapshot, means()).unwrap(), data, gain_fit);
     [of_own, psnr_in(&mut *again, trainer, data, gain_fit), psnr_in(&mut *folded, trainer, data, gain_fit)]
 }
 
@@ -86,7 +86,7 @@ fn statistics_are_those_of_the_captured_image_and_its_radiance_without_weight_ch
 fn a_resumed_run_equals_an_unbroken_one_and_any_number_of_threads_one() {
     let data = pairs(|_| EXPOSURE_S);
     let unbroken = check_resumed_and_threads(&data, &base(50));
-    let folded = snapshot_scene(unbroken).unwrap();
+    let folded = snapshot_scene(unbroken, &CapturedMethods).unwrap();
     assert_eq!(folded.splats.color_model.name(), "logsh3");
     folded.splats.validate().unwrap();
 }
@@ -94,8 +94,8 @@ fn a_resumed_run_equals_an_unbroken_one_and_any_number_of_threads_one() {
 #[test]
 fn images_of_several_exposures_are_refused_with_what_to_do() {
     let data = pairs(|i| [0.5, 4.0][i % 2]);
-    let Err(error) = Trainer::new(&data, base(10), engine()) else { panic!("was accepted") };
+    let Err(error) = Trainer::new(&data, base(10), means()) else { panic!("was accepted") };
     assert_eq!(error.to_string(), "method mono-hdr-gs: captured images of 0.5, 4 s, expected one exposure for all");
     assert!(error.remedy().unwrap().to_string().contains("exposures"));
-    assert!(Trainer::new(&dataset(), base(10), engine()).is_err());
+    assert!(Trainer::new(&dataset(), base(10), means()).is_err());
 }

@@ -5,8 +5,8 @@
 
 mod common;
 
-use common::runs::{captured, check_resumed_and_threads, psnr, response, trained};
-use common::{config, dataset, engine};
+use common::runs::{captured, check_resumed_and_threads, means, psnr, response, trained};
+use common::{config, dataset};
 use luxel_core::{Dataset, PixelValues, Snapshot, View};
 use luxel_metrics::GainFit;
 use luxel_train::{CutoffPreset, HdrNormalisation, Method, Strategy, TrainConfig, TrainError, Trainer};
@@ -74,7 +74,7 @@ fn without_weight_of_captured_images_hdr_gs_is_training_of_log_harmonics() {
     let alone =
         TrainConfig { ldr_weight: 0.0, hdr_weight: 1.0, average_share: 0.0, densify_from: Some(1000), stereo_points: Some(0), ..base(60) };
     let plain = TrainConfig { method: Method::LogSh3, cutoffs: CutoffPreset::Parity, hdr_weight: 0.6, ldr_weight: 1.0, ..alone.clone() };
-    let (mut a, mut b) = (Trainer::new(&data, alone, engine()).unwrap(), Trainer::new(&data, plain, engine()).unwrap());
+    let (mut a, mut b) = (Trainer::new(&data, alone, means()).unwrap(), Trainer::new(&data, plain, means()).unwrap());
     for step in 1..=60 {
         let (a, b) = (a.step().unwrap().loss, b.step().unwrap().loss);
         // The CPU engine defers an update, but not its report.
@@ -116,7 +116,7 @@ fn statistics_are_those_of_the_captured_image() {
     let data = pairs();
     let stats = |hdr_weight: f32| {
         let config = TrainConfig { densify_from: Some(0), densify_interval: 50, hdr_weight, ..base(200) };
-        let mut trainer = Trainer::new(&data, config, engine()).unwrap();
+        let mut trainer = Trainer::new(&data, config, means()).unwrap();
         trainer.step().unwrap();
         trainer.snapshot().unwrap().stats
     };
@@ -140,7 +140,7 @@ fn crops_and_reduced_images_are_cut_from_both_images_alike() {
 
 #[test]
 fn data_without_pairs_and_options_of_other_methods_are_refused() {
-    let start = |data: &Dataset, config: TrainConfig| match Trainer::new(data, config, engine()) {
+    let start = |data: &Dataset, config: TrainConfig| match Trainer::new(data, config, means()) {
         Err(error) => (error.to_string(), error.remedy().map(ToString::to_string).unwrap_or_default()),
         Ok(_) => panic!("was accepted"),
     };
@@ -164,7 +164,7 @@ fn data_without_pairs_and_options_of_other_methods_are_refused() {
         (TrainConfig { hdr_weight: 0.0, ldr_weight: 0.0, ..base(10) }, "hdr_weight"),
     ];
     for (config, option) in refusals {
-        let Err(error @ TrainError::Config { .. }) = Trainer::new(&pairs(), config, engine()).map(|_| ()) else { panic!("{option}") };
+        let Err(error @ TrainError::Config { .. }) = Trainer::new(&pairs(), config, means()).map(|_| ()) else { panic!("{option}") };
         assert_eq!(error.option(), Some(option));
     }
 }

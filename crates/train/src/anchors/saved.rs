@@ -13,9 +13,9 @@ use super::numbers::check_numbers;
 use super::scene::{AnchorScene, Anchors};
 use super::statistics::Statistics;
 use super::{FEATURE, OFFSETS, SCALES, SPLATS_PER_ANCHOR};
-use crate::TrainError;
-use crate::peers::Adam;
+use crate::peers::{Adam, GaussTone, SharedNetworks};
 use crate::state::State;
+use crate::{Method, MethodState, TrainError};
 
 /// Names of the arrays besides those of the groups.
 const POSITION: &str = "anchors.position";
@@ -52,6 +52,8 @@ pub(super) struct Saved {
     pub(super) statistics: Statistics,
     pub(super) voxel: f32,
     pub(super) average: Option<Vec<f32>>,
+    /// The tone networks of GaussHDR.
+    pub(super) tone: Option<Box<GaussTone>>,
 }
 
 /// The state of a run besides its arrays.
@@ -123,6 +125,7 @@ pub(super) fn write(
     statistics: &Statistics,
     voxel: f32,
     average: Option<&[f32]>,
+    tone: Option<&GaussTone>,
 ) -> Result<AnchorSnapshot, TrainError> {
     let mut arrays = scene.arrays();
     for (group, adam) in groups.adam.iter().enumerate() {
@@ -137,9 +140,23 @@ pub(super) fn write(
     if let Some(average) = average {
         arrays.push(AnchorArray { name: AVERAGE.to_owned(), width: 1, values: average.to_vec() });
     }
-    let description = Description { voxel, trainer: state.to_json()? };
+    let networks = tone.map(|tone| MethodState::of(&SharedNetworks::GaussHdrAnchors(Box::new(tone.clone())))).transpose()?;
+    let description = Description { voxel, trainer: state.to_json(networks)? };
     let state_json = serde_json::to_string(&description).map_err(|error| TrainError::State(error.to_string()))?;
     Ok(AnchorSnapshot { color_model: scene.color_model(), arrays, state_json })
+}
+
+/// Takes the tone networks out of a state that was read.
+fn tone_of(state: &mut State) -> Result<Option<Box<GaussTone>>, TrainError> {
+    let networks = state.networks.take().map(|networks| networks.numbers()).transpose()?;
+    match (networks, state.config.method) {
+        (None, method) if method != Method::GaussHdrAnchors => Ok(None),
+        (Some(SharedNetworks::GaussHdrAnchors(tone)), Method::GaussHdrAnchors) => {
+            tone.validate()?;
+            Ok(Some(tone))
+        }
+        _ => Err(TrainError::State("the tone networks are missing, or are those of another method".to_owned())),
+    }
 }
 
 impl Saved {
@@ -150,7 +167,8 @@ impl Saved {
         if !(voxel.is_finite() && voxel > 0.0) {
             return Err(TrainError::State(format!("a voxel of {voxel}, expected a number above 0")));
         }
-        let state = State::parse(&trainer)?;
+        let mut state = State::parse(&trainer)?;
+        let tone = tone_of(&mut state)?;
         let (scene, config) = (color_model, state.config.color_model());
         if scene != config {
             return Err(TrainError::ColorModel { scene: scene.name(), config: config.name() });
@@ -182,6 +200,6 @@ impl Saved {
         if let Some(average) = &average {
             check_numbers(AVERAGE, average, numbers(&scene).iter().map(|numbers| numbers.len()).sum())?;
         }
-        Ok(Self { state, scene, groups, statistics, voxel, average })
+        Ok(Self { state, scene, groups, statistics, voxel, average, tone })
     }
 }

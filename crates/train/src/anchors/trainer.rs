@@ -20,14 +20,14 @@ use super::scene::AnchorScene;
 use super::start::{First, first_anchors, median_color};
 use super::statistics::Statistics;
 use super::{AnchorSnapshot, SPLATS_PER_ANCHOR};
-use crate::camera_response::{CameraResponse, exposure_of};
-use crate::peers::{GaussStep, GaussTarget, SharedNetworks, check_captured, tone_rate};
+use crate::camera_response::CameraResponse;
+use crate::peers::{GaussStep, GaussTone, captured_target, check_captured, tone_rate};
 use crate::pixel_weights::ToneScale;
 use crate::recorded::is_recorded;
 use crate::state::{Start, State, learns_response};
 use crate::trainer::{SlotView, check_views, scene_extent, view_of};
 use crate::views::TrainingViews;
-use crate::{Initial, Method, NamedChoice, Schedule, TrainConfig, TrainError, initialise};
+use crate::{Initial, Method, MethodStep, NamedChoice, Schedule, TrainConfig, TrainError, initialise};
 
 /// Part of the scene's extent that the standard deviation of a splat may reach.
 const LARGEST_PART: f32 = 0.25;
@@ -46,6 +46,8 @@ pub struct AnchorTrainer {
     /// Mean of the trained numbers over the steps so far, while it is being taken, one after
     /// another.
     average: Option<Vec<f32>>,
+    /// The tone networks of GaussHDR.
+    tone: Option<Box<GaussTone>>,
 }
 
 /// Checks that the method trains anchors, and that the data set has what it trains on.
@@ -80,9 +82,9 @@ impl AnchorTrainer {
         let extent = scene_extent(&dataset.train, &scene.anchors.position);
         tracing::info!(anchors = scene.anchors.len(), limit, voxel, extent, "initialised");
         let (groups, statistics) = (Groups::new(&scene), Statistics::zeros(scene.anchors.len()));
-        let splats = scene.splats();
-        let state = State::new(dataset, Start { config, extent, radiance_scale, response, splats, clearances: Vec::new() });
-        Ok(Self::assemble(dataset, engine, Saved { state, scene, groups, statistics, voxel, average: None }))
+        let tone = has_context.then(|| Box::new(GaussTone::new(config.seed)));
+        let state = State::new(dataset, Start { config, extent, radiance_scale, response, clearances: Vec::new() });
+        Ok(Self::assemble(dataset, engine, Saved { state, scene, groups, statistics, voxel, average: None, tone }))
     }
 
     /// Resumes the run that `snapshot` was taken of, with the configuration of that run.
@@ -97,14 +99,14 @@ impl AnchorTrainer {
     }
 
     fn assemble(dataset: &Dataset, engine: Box<dyn Engine>, saved: Saved) -> Self {
-        let Saved { state, scene, groups, statistics, voxel, average } = saved;
+        let Saved { state, scene, groups, statistics, voxel, average, tone } = saved;
         let config = &state.config;
         let schedule = Schedule::new(config, state.planned_iterations, state.extent);
         let side_px = dataset.train.iter().flat_map(|view| view.camera.size_px).min().unwrap_or(1);
         let stages = config.resolution_schedule.stages(state.planned_iterations, schedule.densify_interval, side_px);
-        let tone = ToneScale { radiance_scale: state.radiance_scale, mu: config.mu };
-        let views = TrainingViews::new(&dataset.train, stages, config.noise_model, tone);
-        Self { renderer: AnchorEngine::new(scene, engine), views, schedule, state, groups, statistics, voxel, average }
+        let scale = ToneScale { radiance_scale: state.radiance_scale, mu: config.mu };
+        let views = TrainingViews::new(&dataset.train, stages, config.noise_model, scale);
+        Self { renderer: AnchorEngine::new(scene, engine), views, schedule, state, groups, statistics, voxel, average, tone }
     }
 
     /// Returns the configuration in force.
@@ -147,7 +149,7 @@ impl AnchorTrainer {
     pub fn response(&self) -> Option<Knots> {
         match &self.state.response {
             Some(response) => Some(response.knots()),
-            None => self.state.networks.as_ref()?.response(),
+            None => Some(self.tone.as_ref()?.response()),
         }
     }
 
@@ -166,8 +168,8 @@ impl AnchorTrainer {
     /// # Errors
     /// [`TrainError::State`] if the state has no form as text.
     pub fn snapshot(&self) -> Result<AnchorSnapshot, TrainError> {
-        let Self { state, renderer, groups, statistics, voxel, average, .. } = self;
-        super::saved::write(state, &renderer.scene, groups, statistics, *voxel, average.as_deref())
+        let Self { state, renderer, groups, statistics, voxel, average, tone, .. } = self;
+        super::saved::write(state, &renderer.scene, groups, statistics, *voxel, average.as_deref(), tone.as_deref())
     }
 
     fn raster_of(&self, step: u32) -> RasterConfig {
@@ -202,13 +204,15 @@ impl AnchorTrainer {
         let index = self.state.next_views(&[]).first().copied().unwrap_or(0);
         let config = self.step_config(step);
         self.ask_ahead(step, index);
-        let Self { renderer: AnchorEngine { scene, engine }, views, state, .. } = self;
+        let Self { renderer: AnchorEngine { scene, engine }, views, state, tone, .. } = self;
         let view = view_of(views, state, None, SlotView { step, slot: 0, index })?;
         let mut decoded = scene.decode(&view.camera, config.render.raster.cutoffs.near);
         engine.load(&decoded.splats, None)?;
-        let Found { report, gradients, by_context } = match state.config.method {
-            Method::GaussHdrAnchors => channel_gradients(&mut **engine, state, view, &decoded, &config)?,
-            _ => {
+        let (radiance_scale, planned_iterations) = (state.radiance_scale, state.planned_iterations);
+        let method_step = MethodStep { train: &state.config, engine: &config, radiance_scale, planned_iterations };
+        let Found { report, gradients, by_context } = match tone {
+            Some(tone) => channel_gradients(&mut **engine, tone, view, &decoded, method_step)?,
+            None => {
                 let (report, gradients) = engine.view_gradients(view, &config)?;
                 Found { report, gradients, by_context: Vec::new() }
             }
@@ -311,24 +315,16 @@ struct Found {
 /// tone networks.
 fn channel_gradients(
     engine: &mut dyn Engine,
-    state: &mut State,
+    tone: &mut GaussTone,
     view: &View,
     decoded: &Decoded,
-    step: &StepConfig,
+    step: MethodStep<'_>,
 ) -> Result<Found, TrainError> {
-    let no_image = |reason| TrainError::NeedsCaptured { method: state.config.method.name(), view: view.name.clone(), reason };
-    let exposure_s = exposure_of(view).ok_or_else(|| no_image("is radiance, expected a captured image"))?;
-    let exposure = state.radiance_scale.restored_value(exposure_s);
-    let target = GaussTarget { view, exposure, unit_value: state.config.unit_exposure, loss: step.loss };
-    let rate = tone_rate(&state.config, step.step, state.planned_iterations);
-    let Some(SharedNetworks::GaussHdrAnchors(tone)) = &mut state.networks else {
-        return Err(TrainError::State("the tone networks are missing".to_owned()));
-    };
-    let mut channels = GaussStep::new(target, tone, &decoded.context);
-    let (report, gradients) = engine.channel_gradients(&view.camera, &mut channels, step)?;
+    let mut channels = GaussStep::new(captured_target(view, &step)?, tone, &decoded.context);
+    let (report, gradients) = engine.channel_gradients(&view.camera, &mut channels, step.engine)?;
     let found = channels.gradients();
     if report.loss.is_finite() {
-        tone.update(&found.by_numbers, rate);
+        tone.update(&found.by_numbers, tone_rate(step.train, step.engine.step, step.planned_iterations));
     }
     Ok(Found { report, gradients, by_context: found.by_features })
 }

@@ -108,7 +108,7 @@ impl GaussNetworks {
 
 impl GaussTone {
     /// Returns the values of the global networks as the response of a camera, which never falls.
-    pub(super) fn response(&self) -> Knots {
+    pub(crate) fn response(&self) -> Knots {
         let s = |k: usize| exposure_of_knot(k.min(RESPONSE_KNOTS - 1)).max(DARKEST).ln() as f32;
         let items: Vec<Items> = (0..RESPONSE_KNOTS.div_ceil(LANES))
             .map(|n| {

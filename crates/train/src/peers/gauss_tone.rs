@@ -112,7 +112,7 @@ fn first_curve(s: f32) -> f32 {
 impl GaussTone {
     /// Makes the networks at the start of a run, the global ones fitted to ln(1 + e^s), cut to 0 to
     /// 1.
-    pub(super) fn new(seed: u64) -> Self {
+    pub(crate) fn new(seed: u64) -> Self {
         let mut rng = Pcg64Mcg::seed_from_u64(seed ^ STREAM);
         let (global, local) = ([(); 3].map(|()| Global::random(&mut rng)), [(); 3].map(|()| Local::random(&mut rng)));
         let mut tone = Self { global, local, uncertainty: Local::random(&mut rng), adam: Self::moments() };
@@ -154,7 +154,7 @@ impl GaussTone {
     }
 
     /// Checks networks read from a file.
-    pub(super) fn validate(&self) -> Result<(), TrainError> {
+    pub(crate) fn validate(&self) -> Result<(), TrainError> {
         self.global.iter().try_for_each(Global::validate)?;
         self.local.iter().chain([&self.uncertainty]).try_for_each(Local::validate)?;
         self.adam.iter().enumerate().try_for_each(|(i, adam)| adam.validate(if i < 3 { GLOBAL_NUMBERS } else { LOCAL_NUMBERS }))

@@ -23,6 +23,7 @@ mod hdr_gs;
 mod image_loss;
 mod lift;
 mod lifted_engine;
+mod methods;
 mod mono_hdr_gs;
 mod pair;
 mod pair_channels;
@@ -39,20 +40,24 @@ use serde::{Deserialize, Serialize};
 
 pub(crate) use self::adam::Adam;
 pub(crate) use self::check::check_options;
-pub(crate) use self::fold::folded;
-pub(crate) use self::gauss_hdr::{GaussStep, GaussTarget};
+use self::fold::folded;
+pub(crate) use self::gauss_hdr::GaussStep;
+use self::gauss_hdr::GaussTarget;
 use self::gauss_networks::GaussNetworks;
-pub(crate) use self::gauss_networks::{GaussRates, tone_rate};
-use self::gauss_tone::GaussTone;
-pub(crate) use self::lifted_engine::{LiftedEngine, SharedLift};
+use self::gauss_networks::GaussRates;
+pub(crate) use self::gauss_networks::tone_rate;
+pub(crate) use self::gauss_tone::GaussTone;
+use self::lifted_engine::{LiftedEngine, SharedLift};
+pub use self::methods::CapturedMethods;
+pub(crate) use self::methods::captured_target;
 use self::mono_hdr_gs::MonoNetworks;
+use self::pair::exposure_of;
 pub use self::pair::one_exposure;
-pub(crate) use self::pair::{check_captured, check_pairs, exposure_of, turn};
-pub(crate) use self::pair_channels::PairTargets;
-pub use self::tone_mappers::ToneMapperRecord;
+pub(crate) use self::pair::{check_captured, turn};
+use self::pair_channels::PairTargets;
 use self::tone_mappers::ToneMappers;
 use crate::config::Method;
-use crate::{TrainConfig, TrainError};
+use crate::{ToneMapperRecord, TrainConfig, TrainError};
 
 /// The numbers that a method trains beside splats: networks that all of them share, and features.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -79,13 +84,12 @@ impl SharedNetworks {
     }
 
     /// Checks networks read from a file against the options and the number of splats.
-    pub(crate) fn validate(networks: Option<&Self>, config: &TrainConfig, splats: usize) -> Result<(), TrainError> {
-        match (networks, config.method) {
-            (Some(Self::HdrGs(mappers)), Method::HdrGs) => mappers.validate(config.tone_width),
-            (Some(Self::MonoHdrGs(networks)), Method::MonoHdrGs) => networks.validate(config.lift_width),
-            (Some(Self::GaussHdr(networks)), Method::GaussHdr) => networks.validate(splats),
-            (Some(Self::GaussHdrAnchors(tone)), Method::GaussHdrAnchors) => tone.validate(),
-            (None, method) if !method.has_own_networks() => Ok(()),
+    pub(crate) fn validate(&self, config: &TrainConfig, splats: usize) -> Result<(), TrainError> {
+        match (self, config.method) {
+            (Self::HdrGs(mappers), Method::HdrGs) => mappers.validate(config.tone_width),
+            (Self::MonoHdrGs(networks), Method::MonoHdrGs) => networks.validate(config.lift_width),
+            (Self::GaussHdr(networks), Method::GaussHdr) => networks.validate(splats),
+            (Self::GaussHdrAnchors(tone), Method::GaussHdrAnchors) => tone.validate(),
             _ => Err(TrainError::State("the method's networks are missing, or are those of another method".to_owned())),
         }
     }

@@ -17,7 +17,7 @@ use super::adam::Adam;
 use super::color_map::{ColorMap, LinePlace};
 use super::functions::{LnAbove, Sigmoid, map_all};
 use super::relu_line::{LineSums, LineTable, ReluLine};
-use crate::TrainError;
+use crate::{ToneMapperRecord, TrainError};
 
 /// Radiance that black counts as, far below every cut-off.
 const DARKEST: f32 = 1e-30;
@@ -32,20 +32,6 @@ pub(crate) struct ToneMappers {
     reference_s: f32,
     lines: [ReluLine; 3],
     adam: [Adam; 3],
-}
-
-/// The tone mappers of a run, for people and other programs: y_c = sigmoid(bias + sum of
-/// outgoing_j max(weight_j s + bias_j, 0)) with s = ln(radiance / radiance_unit) + ln(exposure /
-/// reference_s).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ToneMapperRecord {
-    /// Radiance whose logarithm is 0, in the units of the data set.
-    pub radiance_unit: f32,
-    /// Exposure whose logarithm is 0, seconds.
-    pub reference_s: f32,
-    /// Numbers of the networks, red, green and blue: weights of the units, biases of the units,
-    /// outgoing weights of the units, bias.
-    pub numbers: [Vec<f32>; 3],
 }
 
 /// The networks at one step and exposure.

@@ -5,7 +5,7 @@
 use luxel_core::{Dataset, Image, PixelValues, Snapshot, View};
 use luxel_cpu::CpuEngine;
 use luxel_metrics::{GainFit, Measures, evaluate};
-use luxel_train::{TrainConfig, Trainer};
+use luxel_train::{CapturedMethods, TrainConfig, Trainer, TrainingMeans};
 
 use super::engine;
 
@@ -22,6 +22,11 @@ pub(crate) fn captured(view: &View, k: usize, exposure_s: f32) -> View {
     View { name: format!("{}_{k}", view.name), image, values: PixelValues::Recorded { exposure_s }, ..view.clone() }
 }
 
+/// An engine on two threads, and the methods.
+pub(crate) fn means() -> TrainingMeans<'static> {
+    TrainingMeans { engine: engine(), methods: &CapturedMethods }
+}
+
 /// Performs some steps.
 pub(crate) fn run(trainer: &mut Trainer, steps: u32) {
     for _ in 0..steps {
@@ -31,7 +36,7 @@ pub(crate) fn run(trainer: &mut Trainer, steps: u32) {
 
 /// Returns a run after some steps.
 pub(crate) fn trained(data: &Dataset, config: TrainConfig, steps: u32) -> Trainer {
-    let mut trainer = Trainer::new(data, config, engine()).unwrap();
+    let mut trainer = Trainer::new(data, config, means()).unwrap();
     run(&mut trainer, steps);
     trainer
 }
@@ -49,13 +54,15 @@ pub(crate) fn check_resumed_and_threads(data: &Dataset, config: &TrainConfig) ->
     let unbroken = trained(data, config.clone(), 50).snapshot().unwrap();
     let half = trained(data, config.clone(), 23).snapshot().unwrap();
     assert_ne!(half.scene.splats.len(), data.points.len(), "splats are added before the run is resumed");
-    let mut resumed = Trainer::resume(data, half, engine()).unwrap();
+    let mut resumed = Trainer::resume(data, half, means()).unwrap();
     run(&mut resumed, 27);
     let resumed = resumed.snapshot().unwrap();
     assert!(resumed.scene == unbroken.scene && resumed.moments == unbroken.moments && resumed.state_json == unbroken.state_json);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
     let threads = pool.install(|| {
-        let mut trainer = Trainer::new(data, config.clone(), Box::new(CpuEngine::new(3).unwrap())).unwrap();
+        let mut trainer =
+            Trainer::new(data, config.clone(), TrainingMeans { engine: Box::new(CpuEngine::new(3).unwrap()), methods: &CapturedMethods })
+                .unwrap();
         run(&mut trainer, 50);
         trainer.snapshot().unwrap()
     });
