@@ -15,7 +15,7 @@ use luxel_train::{LensVignetting, Method, PoseReport, Preset, TrainConfig, Train
 
 use crate::device::SelectedEngine;
 use crate::error::Context;
-use crate::step_methods::means_of;
+use crate::step_methods::{check_is_built, means_of};
 use crate::{Dataset, DeviceOptions, Radiance, Result, Scene};
 
 /// Numbers of one step.
@@ -159,6 +159,7 @@ impl<'a> TrainingBuilder<'a> {
 }
 
 fn open_engine(dataset: &Dataset, device: &DeviceOptions, config: &TrainConfig) -> Result<Box<dyn luxel_core::Engine>> {
+    check_is_built(config.method)?;
     let learns_response = dataset.train.iter().any(|view| view.values != luxel_core::PixelValues::Radiance);
     Ok(SelectedEngine::for_training(device, learns_response || config.method.has_own_steps() || config.packs_moments())?.engine)
 }

@@ -1,4 +1,5 @@
-//! What a run drives: a place that is learned from views, step by step, whatever it is made of.
+//! A reconstruction as a run drives it: a place that is learned from views, step by step, whatever
+//! it is made of.
 //!
 //! In: steps. Out: images through an engine, the scene for its file, and the state for a
 //! checkpoint, all in normalised units ([`RadianceScale`]). A run with a folder asks for nothing
@@ -55,12 +56,17 @@ pub struct FileArray {
     pub values: Vec<f32>,
 }
 
+/// The kind of files of arrays that hold a radiance field.
+pub const FIELD_FORMAT: &str = "luxel-field";
+/// The kind of files of arrays that hold anchors.
+pub const ANCHOR_FORMAT: &str = "luxel-anchors";
+
 /// The content of a file of named arrays.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArrayFile {
     /// Name of the kind of file.
     pub format: &'static str,
-    /// What the arrays are, as JSON.
+    /// The meaning of the arrays, as JSON.
     pub description: String,
     /// The arrays.
     pub arrays: Vec<FileArray>,

@@ -54,7 +54,7 @@ pub(crate) struct State {
     /// Vignetting of the training images' lenses; `None` if it is not optimised.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) vignetting: Option<Vignettings>,
-    /// What a method trains beside splats, in a checkpoint alone; `None` for methods without it.
+    /// Numbers that a method trains beside splats, in a checkpoint alone; `None` for most methods.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) networks: Option<MethodState>,
     /// Corrections of the training images' poses; `None` if they are fixed.

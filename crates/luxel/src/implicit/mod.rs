@@ -6,28 +6,46 @@
 //! is for splats. Whatever needs splats refuses it by name ([`refuse`]).
 //!
 //! In: a [`RunFolder`] of such a method. Out: its scene, as an engine that renders. Fields and
-//! anchors are trained and rendered on the processor.
+//! anchors are trained and rendered on the processor. Without the feature `methods` every such run
+//! is refused.
 
-mod anchor_files;
-mod anchor_run;
-mod field_files;
-mod field_run;
+#[cfg(not(feature = "methods"))]
+mod absent;
+#[cfg(feature = "methods")]
 mod newest;
-mod objective;
-mod place;
+#[cfg(feature = "methods")]
 mod scene;
+#[cfg(feature = "methods")]
 mod start;
 
 use std::path::Path;
 
-pub use luxel_field::{ColorHead, FieldNetwork};
-use luxel_train::Method;
-pub use newest::newest_scene;
-pub use scene::{Content, ImplicitScene};
-pub(crate) use start::{Checkpoint, Processor, open_dataset, resume, seconds_per_step, start};
+#[cfg(not(feature = "methods"))]
+use absent as parts;
+use luxel_core::Engine;
+use luxel_train::{ANCHOR_FORMAT, FIELD_FORMAT, Method};
+pub(crate) use parts::{Checkpoint, open_dataset, resume, seconds_per_step, start};
+pub use parts::{ImplicitScene, newest_scene};
 
 use crate::run::{RunConfig, RunFolder};
 use crate::{DeviceOptions, Error, Remedy, Result, SelectedEngine};
+
+/// The parts that the feature `methods` has.
+#[cfg(feature = "methods")]
+mod parts {
+    pub use super::newest::newest_scene;
+    pub use super::scene::ImplicitScene;
+    pub(crate) use super::start::{Checkpoint, open_dataset, resume, seconds_per_step, start};
+}
+
+/// The means of a training on the processor.
+#[cfg_attr(not(feature = "methods"), expect(dead_code, reason = "what is refused uses nothing"))]
+pub(crate) struct Processor {
+    /// Threads of a field.
+    pub(crate) threads: usize,
+    /// The engine of splats that anchors are trained on.
+    pub(crate) engine: Box<dyn Engine>,
+}
 
 /// Why a field is not computed on a GPU.
 const FIELD_ON_PROCESSOR: &str = "radiance fields are computed on the processor";
@@ -82,7 +100,7 @@ pub fn open_file(path: &Path) -> Result<Option<ImplicitScene>> {
 
 /// Returns what a file holds, in words, if it is a scene without splats.
 fn kind_of_file(path: &Path) -> Option<&'static str> {
-    let kinds = [(field_files::FORMAT, "a radiance field, which has"), (anchor_files::FORMAT, "anchors, which have")];
+    let kinds = [(FIELD_FORMAT, "a radiance field, which has"), (ANCHOR_FORMAT, "anchors, which have")];
     kinds.into_iter().find(|(format, _)| luxel_io::holds_arrays(path, format)).map(|(_, words)| words)
 }
 

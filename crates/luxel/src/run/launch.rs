@@ -33,7 +33,7 @@ pub struct TrainedRun {
     pub outcome: Outcome,
     /// The settings of the run.
     pub config: RunConfig,
-    /// What was trained, which holds the scene.
+    /// The reconstruction, which holds the scene.
     pub trainer: Box<dyn Reconstruction>,
     /// The training and test views.
     pub dataset: Dataset,

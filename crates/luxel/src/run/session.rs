@@ -51,7 +51,7 @@ pub struct Session<'a> {
     pub observer: &'a dyn Observer,
     /// Asks the run to save its state and end.
     pub stop: &'a StopFlag,
-    /// What is trained.
+    /// The reconstruction in progress.
     pub trainer: Box<dyn Reconstruction>,
 }
 

@@ -8,7 +8,7 @@ use luxel_train::LensVignetting;
 
 use super::{Captures, RunConfig, RunFolder};
 use crate::error::Context;
-use crate::step_methods::step_methods;
+use crate::step_methods::{check_is_built, step_methods};
 use crate::{Error, Observer, Result, SelectedEngine};
 
 /// Returns the newest checkpoint that `read` can read, to continue from; `None` if the run ended
@@ -130,6 +130,7 @@ pub fn load_newest(folder: &RunFolder, config: &RunConfig, mut selected: Selecte
     }
     let (iteration, scene) = newest_scene(folder, observer)?;
     if config.train.method.lifts_colors() {
+        check_is_built(config.train.method)?;
         let (path, snapshot) = snapshot_of(folder, iteration, "the lift to radiance")?;
         let lifted = luxel_train::lifted_engine(&snapshot, selected.engine, step_methods())
             .with_context(|| format!("{}: no lift", path.display()))?;
