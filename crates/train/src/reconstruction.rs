@@ -84,7 +84,7 @@ pub enum SceneContent {
 /// The state of a run as its checkpoint stores it.
 pub enum SavedRun<'a> {
     /// The state of a training of splats, to be read piece by piece.
-    Splats(RunState<'a>),
+    Splats(Box<RunState<'a>>),
     /// The state of another training.
     Arrays(ArrayFile),
 }
@@ -254,7 +254,7 @@ impl Reconstruction for Trainer {
     }
 
     fn saved(&mut self) -> Result<SavedRun<'_>, TrainError> {
-        Ok(SavedRun::Splats(self.saved_state()?))
+        Ok(SavedRun::Splats(Box::new(self.saved_state()?)))
     }
 
     fn downscale(&self) -> u32 {

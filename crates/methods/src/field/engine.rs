@@ -6,7 +6,7 @@ use luxel_core::{Camera, Layers, RenderOptions};
 use luxel_lanes::Level;
 
 use crate::field::error::FieldError;
-use crate::field::field::Field;
+use crate::field::radiance_field::Field;
 use crate::field::threads::start_threads;
 
 /// Renders a field on some threads of the processor.

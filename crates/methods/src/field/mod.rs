@@ -7,7 +7,7 @@ mod adam;
 mod compare;
 mod engine;
 mod error;
-mod field;
+mod radiance_field;
 mod files;
 mod frequencies;
 mod grid;
@@ -38,7 +38,7 @@ mod volume;
 
 pub use self::engine::FieldEngine;
 pub use self::error::FieldError;
-pub use self::field::{Field, FieldArrays, FieldShape};
+pub use self::radiance_field::{Field, FieldArrays, FieldShape};
 pub use self::files::{FieldCheckpoint, read_field, read_field_run};
 pub use self::grid::GridShape;
 pub use self::head::ColorHead;

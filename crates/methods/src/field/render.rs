@@ -10,7 +10,7 @@ use luxel_core::{Camera, Image, Layers};
 use luxel_lanes::Level;
 use rayon::prelude::*;
 
-use crate::field::field::Field;
+use crate::field::radiance_field::Field;
 use crate::field::lift::Lifts;
 use crate::field::march::{March, Spacing};
 use crate::field::networks::{Room, Samples, from_blocks};

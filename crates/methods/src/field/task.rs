@@ -7,7 +7,7 @@
 use fearless_simd::Simd;
 
 use crate::field::compare::{CompareRoom, Comparison};
-use crate::field::field::Field;
+use crate::field::radiance_field::Field;
 use crate::field::head::MAX_CHANNELS;
 use crate::field::lift::Lifts;
 use crate::field::networks::{Room, Samples, from_blocks, into_blocks};

@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 use crate::field::adam::{Moving, Rate};
 use crate::field::engine::FieldEngine;
 use crate::field::error::FieldError;
-use crate::field::field::{Field, FieldArrays, FieldShape};
+use crate::field::radiance_field::{Field, FieldArrays, FieldShape};
 use crate::field::head::MAX_CHANNELS;
 use crate::field::loss::PixelLoss;
 use crate::field::objective::Objective;

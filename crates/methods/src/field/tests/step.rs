@@ -5,7 +5,7 @@ use luxel_lanes::Level;
 
 use super::oracle::{self, difference};
 use super::{SMALL, assert_close, numbers, wide};
-use crate::field::field::Field;
+use crate::field::radiance_field::Field;
 use crate::field::networks::Networks;
 use crate::field::occupancy::Occupancy;
 use crate::field::sampling::TrainingRay;
