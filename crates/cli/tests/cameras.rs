@@ -75,6 +75,45 @@ fn cameras_go_to_openusd_and_come_back() {
 }
 
 #[test]
+fn images_have_the_lens_and_the_shutter_that_are_asked_for() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    place.ok(&["render", "run", "--path", "orbit", "--frames", "3", "-o", "sharp", "--exr-type", "float"]);
+    fn lens<'a>(more: &[&'a str]) -> Vec<&'a str> {
+        let path = ["render", "run", "--cameras", "sharp/cameras.json", "--exr-type", "float", "--lens-samples", "8"];
+        [&path[..], more].concat()
+    }
+    let told = place.notes(&lens(&["--aperture", "0.3", "--focus-at", "12,12", "--alpha", "--depth", "-o", "lens"]));
+    assert!(told.contains("in focus: ") && told.contains("8 samples of the lens an image; estimated error"), "{told}");
+    let (sharp, blurred) = (place.image("sharp/frame_00001.exr"), place.image("lens/frame_00001.exr"));
+    let light = |image: &Image| image.pixels.iter().flatten().sum::<f32>();
+    assert!(sharp != blurred && (light(&blurred) / light(&sharp) - 1.0).abs() < 0.2, "{} of {}", light(&blurred), light(&sharp));
+    // The same photographs are kept, others replace them only if that is asked for.
+    let again = place.notes(&lens(&["--aperture", "0.3", "--focus-at", "12,12", "--alpha", "--depth", "-o", "lens"]));
+    assert!(again.contains("3 images exist already and are kept"), "{again}");
+    place.error(&lens(&["--aperture", "0.2", "--focus-at", "12,12", "--alpha", "--depth", "-o", "lens"]), &["--overwrite"]);
+    place.ok(&lens(&["--shutter", "180", "--vary-samples", "-o", "moving"]));
+    assert!(place.image("moving/frame_00001.exr") != sharp);
+    // A focus of each frame comes from the file.
+    let cameras = std::fs::read_to_string(place.path("sharp/cameras.json")).unwrap();
+    std::fs::write(place.path("pull.json"), cameras.replace("\"file_path\"", "\"focus_distance\": 2.5, \"file_path\"")).unwrap();
+    let pull = ["render", "run", "--cameras", "pull.json", "--exr-type", "float", "--lens-samples", "8", "--aperture", "0.3"];
+    place.ok(&[&pull[..], &["--write-cameras", "pull.usda", "-o", "pull"]].concat());
+    assert!(std::fs::read_to_string(place.path("pull.usda")).unwrap().contains("float focusDistance = 2.5"));
+    place.ok(&lens(&["--aperture", "0.3", "--focus", "2.5", "-o", "stated"]));
+    assert_eq!(place.image("pull/frame_00002.exr"), place.image("stated/frame_00002.exr"));
+    place.error(&lens(&["--aperture", "0.3", "-o", "x"]), &["something in focus", "--focus DISTANCE"]);
+    place.error(&lens(&["--f-stop", "2.8", "--focus", "1", "-o", "x"]), &["how long its unit is", "--aperture DIAMETER"]);
+    place.error(&lens(&["--aperture", "0.3", "--focus-at", "99,0", "-o", "x"]), &["pixel 99,0 is outside"]);
+    place.error(&["render", "run", "--shutter", "180", "-o", "x"], &["a camera that moves", "--path KIND"]);
+    let panorama = ["render", "run", "--at=0,0,0", "--projection", "equirectangular", "--size", "32x16", "-o", "x"];
+    place.error(&[&panorama[..], &["--aperture", "0.1", "--focus", "1"]].concat(), &["no plane of focus"]);
+    for wrong in [&["--focus", "1"][..], &["--aperture", "0.1", "--focus", "-1"], &["--shutter", "400"], &["--aperture", "0.1", "--deep"]] {
+        place.fails(2, &lens(&[wrong, &["-o", "x"]].concat()));
+    }
+}
+
+#[test]
 fn another_size_keeps_the_field_of_view_and_says_what_is_cropped() {
     let place = Workplace::new();
     place.train("run", &[]);

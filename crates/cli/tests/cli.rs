@@ -311,6 +311,31 @@ fn a_configuration_can_be_taken_over_and_changed() {
 }
 
 #[test]
+fn a_run_takes_as_many_steps_as_fit_into_its_time() {
+    let place = Workplace::empty();
+    common::write_dataset(&place.path("data"));
+    let train = ["train", "data", "-o", "run", "--eval-at", "0", "--refine-display", "0", "--threads", "2"];
+    place.ok(&[&train[..], &["--time", "1s", "--init-points", "50"]].concat());
+    let config = std::fs::read_to_string(place.path("run/config.toml")).unwrap();
+    let steps = place.json("run/metrics.json")["iterations"].as_u64().unwrap();
+    // The preset's number of steps takes longer.
+    let fast = luxel::TrainConfig::default().iterations;
+    assert!(config.contains("time = \"1s\"") && config.contains(&format!("iterations = {steps}\n")), "{config}");
+    assert!((21..u64::from(fast)).contains(&steps), "{steps}");
+    // The run is complete; more steps make it longer, and take the place of the time.
+    place.ok(&["train", "--resume", "-o", "run", "--threads", "2"]);
+    assert_eq!(place.json("run/metrics.json")["iterations"], steps);
+    let longer = (steps + 5).to_string();
+    place.ok(&["train", "--resume", "-o", "run", "--iterations", &longer, "--threads", "2"]);
+    assert_eq!(place.json("run/metrics.json")["iterations"], steps + 5);
+    assert!(!std::fs::read_to_string(place.path("run/config.toml")).unwrap().contains("time ="));
+    for wrong in [&["--time", "5"][..], &["--time", "0s"], &["--time", "1min", "--iterations", "5"]] {
+        place.fails(2, &[&["train", "data", "-o", "x"], wrong].concat());
+    }
+    place.error(&["train", "data", "-o", "x", "--method", "nerf-grid", "--time", "1min"], &["--time", "--method lcd"]);
+}
+
+#[test]
 fn progress_is_told_as_asked() {
     let place = Workplace::new();
     let stdout = place.train("json", &["--log-format", "json", "--eval-every", "20"]);

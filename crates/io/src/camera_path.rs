@@ -16,7 +16,7 @@ use serde_json::{Map, Value, json};
 
 use crate::IoError;
 use crate::byte_order_mark::bytes_without_mark;
-use crate::camera_writer::lens_fields;
+use crate::camera_writer::{FOCUS_KEY, lens_fields};
 use crate::dataset::{TransformsFrame, parse_transforms};
 use crate::read_file::read_file;
 
@@ -31,6 +31,15 @@ pub struct PathCamera {
     pub name: String,
     /// Valid and undistorted.
     pub camera: Camera,
+    /// Distance along the camera's axis that is in focus, where the file states one.
+    pub focus_distance: Option<f64>,
+}
+
+impl PathCamera {
+    /// Returns a camera without a stated focus.
+    pub fn new(name: impl Into<String>, camera: Camera) -> Self {
+        Self { name: name.into(), camera, focus_distance: None }
+    }
 }
 
 /// Reads the cameras of a file; `default` gives values that the file leaves out.
@@ -117,9 +126,21 @@ impl File<'_> {
                 )
             })?;
             let camera = frame.camera(size_px).map_err(|e| self.invalid(format_args!("frame {i} ({:?})", frame.file_path), e))?;
-            Ok(PathCamera { name, camera: Camera { distortion: Distortion::default(), ..camera } })
+            let focus_distance = self.focus_distance(transforms, i)?;
+            Ok(PathCamera { name, camera: Camera { distortion: Distortion::default(), ..camera }, focus_distance })
         };
         frames.iter().zip(names).enumerate().map(camera).collect()
+    }
+
+    /// Returns the focus that frame `i` states, or the file for all frames.
+    fn focus_distance(&self, transforms: &Value, i: usize) -> Result<Option<f64>, IoError> {
+        let of = |object: &Value| object.get(FOCUS_KEY).cloned();
+        let Some(stated) = of(&transforms["frames"][i]).or_else(|| of(transforms)) else { return Ok(None) };
+        let distance = stated.as_f64().filter(|distance| *distance > 0.0);
+        let wrong = || {
+            self.invalid(format_args!("frame {i}"), format_args!("\"{FOCUS_KEY}\" is {stated}, expected a distance above 0 in world units"))
+        };
+        distance.map(Some).ok_or_else(wrong)
     }
 
     /// Returns a camera path, by way of the equivalent `transforms.json`.

@@ -13,20 +13,23 @@ use serde_json::{Value, json};
 
 use crate::{IoError, PathCamera, write_atomically};
 
+/// Key of the distance that is in focus: Luxel's own.
+pub(crate) const FOCUS_KEY: &str = "focus_distance";
+
 /// Returns the text of a camera file.
 ///
 /// ```
 /// use luxel_core::synthetic::room_camera;
 /// use luxel_io::{PathCamera, camera_file_text, decode_camera_path};
 ///
-/// let cameras = [PathCamera { name: "frame_00000".into(), camera: room_camera([64, 48]) }];
+/// let cameras = [PathCamera::new("frame_00000", room_camera([64, 48]))];
 /// let text = camera_file_text(&cameras);
 /// let read = decode_camera_path("path.json".as_ref(), text.as_bytes(), None)?;
 /// assert_eq!((read[0].name.as_str(), read[0].camera.size_px), ("frame_00000", [64, 48]));
 /// # Ok::<(), luxel_io::IoError>(())
 /// ```
 pub fn camera_file_text(cameras: &[PathCamera]) -> String {
-    let frames: Vec<Value> = cameras.iter().map(|named| frame(&named.name, &named.camera)).collect();
+    let frames: Vec<Value> = cameras.iter().map(frame).collect();
     format!("{:#}\n", json!({ "camera_model": "OPENCV", "frames": frames }))
 }
 
@@ -39,7 +42,7 @@ pub fn write_cameras(path: &Path, cameras: &[PathCamera]) -> Result<(), IoError>
     write_atomically(path, |out| out.write_all(text.as_bytes()).map_err(|e| IoError::system(path, "write", &e)))
 }
 
-fn frame(name: &str, camera: &Camera) -> Value {
+fn frame(PathCamera { name, camera, focus_distance }: &PathCamera) -> Value {
     let world_from_camera = camera.camera_from_world.matrix3.transpose();
     let (right, down, forward, eye) = (world_from_camera.x_axis, world_from_camera.y_axis, world_from_camera.z_axis, camera.eye());
     let row = |i: usize| [right[i], -down[i], -forward[i], eye[i]];
@@ -52,6 +55,9 @@ fn frame(name: &str, camera: &Camera) -> Value {
     });
     for (key, value) in lens_fields(camera) {
         frame[key] = value;
+    }
+    if let Some(distance) = focus_distance {
+        frame[FOCUS_KEY] = json!(distance);
     }
     frame
 }
@@ -95,6 +101,7 @@ mod tests {
                     distortion: Distortion::default(),
                     projection: CameraProjection::Pinhole,
                 },
+                focus_distance: (i > 0).then(|| 0.1 * f64::from(i)),
             }
         };
         let written: Vec<PathCamera> = (0..3).map(camera).collect();

@@ -30,7 +30,7 @@ mod files;
 mod tensors;
 
 use digest::Digest;
-pub use files::{CheckpointFile, LatestCheckpoint, checkpoint_path, latest_checkpoint, list_checkpoints, prune_checkpoints};
+pub use files::{CheckpointFile, checkpoint_path, list_checkpoints, prune_checkpoints};
 use tensors::{PIECE_BYTES, tensors_of};
 
 /// Version of names and metadata.

@@ -31,6 +31,7 @@ mod ply;
 mod read_file;
 mod scene_file;
 mod sog;
+mod splat_model;
 mod spz;
 mod tags;
 mod tensors;
@@ -43,8 +44,8 @@ pub use bake::{Appearance, BakeOptions, Baked, MIDDLE_GREY, display_exposure};
 pub use camera_path::{PathCamera, decode_camera_path, read_camera_path};
 pub use camera_writer::{camera_file_text, lens_fields, write_cameras};
 pub use checkpoint::{
-    CheckpointFile, LatestCheckpoint, checkpoint_path, decode_checkpoint, encode_checkpoint, latest_checkpoint, list_checkpoints,
-    prune_checkpoints, read_checkpoint, write_checkpoint,
+    CheckpointFile, checkpoint_path, decode_checkpoint, encode_checkpoint, list_checkpoints, prune_checkpoints, read_checkpoint,
+    write_checkpoint,
 };
 pub use confine::{Confinement, check_within, confine};
 pub use dataset::{

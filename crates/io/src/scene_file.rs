@@ -3,9 +3,10 @@
 use std::io::Read;
 use std::path::Path;
 
-use luxel_core::{Antialias, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, Similarity, Splats};
+use luxel_core::{Antialias, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Remedy, Scene, Similarity, Splats};
 
 use crate::byte_order_mark::bytes_without_mark;
+use crate::image::image_format;
 use crate::read_file::{open_regular, read_file};
 use crate::{IoError, gltf, ply, sog, spz, usd};
 
@@ -114,11 +115,13 @@ fn not_a_scene(path: &Path, head: &[u8]) -> IoError {
     if let Some(refused) = refused_scene(path, head) {
         return refused;
     }
+    const SCENES: &str = "expected a scene: PLY, OpenUSD, binary glTF, SPZ or SOG";
+    if let Some(format) = image_format(path, head) {
+        let message = format!("{format}, and no scene, {SCENES}");
+        return IoError::unsupported(path, message).with_remedy(Remedy::advice("info describes images and compare measures them"));
+    }
     let found: Vec<_> = head.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
-    let message = format!(
-        "begins with bytes {}, expected a scene: PLY, OpenUSD, binary glTF, SPZ or SOG; convert it to one of these",
-        found.join(" ")
-    );
+    let message = format!("begins with bytes {}, {SCENES}; convert it to one of these", found.join(" "));
     IoError::unsupported(path, message)
 }
 
@@ -154,5 +157,14 @@ mod tests {
             assert!(error.contains(part) && error.contains("is not read"), "{error}");
         }
         assert!(not_a_scene(Path::new("a.bin"), &[1, 2]).to_string().contains("begins with bytes 01 02"));
+        for (head, part) in [
+            (&b"\x76\x2f\x31\x01"[..], "an OpenEXR image"),
+            (b"\x89PNG\r\n\x1a\n", "a PNG image"),
+            (b"\0\0\0\x18ftypheic", "HEIC"),
+            (b"8BPS", "Photoshop"),
+        ] {
+            let error = not_a_scene(Path::new("a.bin"), head);
+            assert!(error.message.contains(part) && error.message.contains("expected a scene") && error.remedy.is_some(), "{error}");
+        }
     }
 }

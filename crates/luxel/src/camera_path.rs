@@ -92,16 +92,16 @@ pub fn camera_path(dataset: &Dataset, kind: PathKind, frames: usize) -> Result<C
         PathKind::BetweenViews => rig.between_views(frames)?,
     };
     let lens = &first.camera;
-    let camera = |(i, pose): (usize, DAffine3)| PathCamera {
-        name: format!("frame_{i:05}"),
-        camera: Camera {
+    let camera = |(i, pose): (usize, DAffine3)| {
+        let camera = Camera {
             camera_from_world: pose,
             focal_px: pinhole_focal_px(lens),
             center_px: 0.5 * DVec2::from_array(lens.size_px.map(f64::from)),
             size_px: lens.size_px,
             distortion: Distortion::default(),
             projection: CameraProjection::Pinhole,
-        },
+        };
+        PathCamera::new(format!("frame_{i:05}"), camera)
     };
     Ok(CameraPath { cameras: poses.into_iter().enumerate().map(camera).collect(), description })
 }

@@ -11,6 +11,8 @@
 //!   set.
 //! - [`Device`] chooses what computes: the processor or a GPU.
 //!
+//! The feature `methods`, off by default, adds published methods to compare with.
+//!
 //! Two mistakes are impossible: a scene renders with its own raster settings, and images in
 //! normalised units stay inside of the crate.
 //!
@@ -70,6 +72,7 @@ pub mod machine;
 pub mod memory;
 pub mod mix;
 pub mod output;
+pub mod photograph;
 pub mod pick;
 pub mod prepare;
 pub mod preview;

@@ -7,7 +7,7 @@
 
 use glam::{DVec2, DVec3};
 use luxel_core::tone::rec709_of;
-use luxel_core::{ColorSpace, Engine, PixelValues, RenderOptions, Scene, View, luminance_rec709, luminance_sum, sigmoid};
+use luxel_core::{Camera, ColorSpace, Engine, PixelValues, RenderOptions, Scene, View, luminance_rec709, luminance_sum, sigmoid};
 use serde::Serialize;
 
 use crate::Result;
@@ -85,14 +85,8 @@ pub fn pick(scene: &Scene, view: &View, pixel: [u32; 2], background: [f32; 3], c
     let options = RenderOptions { background, ..scene.render_options() };
     let image = engine.render(camera, &options).context("cannot render the view")?;
     let radiance = scene.radiance_scale.restored(image.pixels[at]);
-    let mut mask = vec![0.0; image.pixels.len()];
-    mask[at] = 1.0;
-    let weights = engine.contributions(camera, &options, &mask).context("cannot measure the splats' contributions")?.masked;
+    let mut found = hits(scene, camera, at, &options, engine)?;
     let unit = scene.world_from_local.scale();
-    let depth_of = |i: usize| unit * camera.camera_from_world.transform_point3(DVec3::from(scene.splats.position[i].map(f64::from))).z;
-    let found = weights.iter().enumerate().filter(|(_, weight)| **weight > 0.0);
-    let mut found: Vec<Hit> = found.map(|(index, weight)| Hit { index, weight: *weight, depth: depth_of(index) }).collect();
-    found.sort_by(|a, b| a.depth.total_cmp(&b.depth));
     let coverage: f32 = found.iter().map(|hit| hit.weight).sum();
     let is_covered = coverage >= LEAST_COVERAGE;
     let depth = is_covered.then(|| found.iter().map(|hit| f64::from(hit.weight) * hit.depth).sum::<f64>() / f64::from(coverage));
@@ -116,6 +110,41 @@ pub fn pick(scene: &Scene, view: &View, pixel: [u32; 2], background: [f32; 3], c
         contributing,
         splats: found.iter().take(count).map(|hit| picked(scene, view, hit)).collect(),
     })
+}
+
+/// Returns the distance along the viewing axis, world, at which half of the weight of a pixel lies
+/// in front; `None` where nothing covers it. The engine has the scene.
+///
+/// # Errors
+/// A pixel outside of the camera's image; a device that gave up, or that cannot tell.
+pub fn surface_distance(
+    scene: &Scene,
+    camera: &Camera,
+    [x, y]: [u32; 2],
+    options: &RenderOptions,
+    engine: &mut dyn Engine,
+) -> Result<Option<f64>> {
+    let [width, height] = camera.size_px;
+    if x >= width || y >= height {
+        bail!("pixel {x},{y} is outside of the image, which has {width} x {height} pixels, counted from 0");
+    }
+    let found = hits(scene, camera, y as usize * width as usize + x as usize, options, engine)?;
+    let coverage: f32 = found.iter().map(|hit| hit.weight).sum();
+    Ok((coverage >= LEAST_COVERAGE).then(|| median(&found, coverage)).flatten())
+}
+
+/// Returns the splats of a pixel, nearest first.
+fn hits(scene: &Scene, camera: &Camera, at: usize, options: &RenderOptions, engine: &mut dyn Engine) -> Result<Vec<Hit>> {
+    let pixels = camera.size_px.map(|side| side as usize).iter().product();
+    let mut mask = vec![0.0; pixels];
+    mask[at] = 1.0;
+    let weights = engine.contributions(camera, options, &mask).context("cannot measure the splats' contributions")?.masked;
+    let unit = scene.world_from_local.scale();
+    let depth_of = |i: usize| unit * camera.camera_from_world.transform_point3(DVec3::from(scene.splats.position[i].map(f64::from))).z;
+    let found = weights.iter().enumerate().filter(|(_, weight)| **weight > 0.0);
+    let mut found: Vec<Hit> = found.map(|(index, weight)| Hit { index, weight: *weight, depth: depth_of(index) }).collect();
+    found.sort_by(|a, b| a.depth.total_cmp(&b.depth));
+    Ok(found)
 }
 
 /// A splat in the pixel.

@@ -17,6 +17,14 @@ pub struct Look {
     pub exposure_ev: f32,
 }
 
+impl Look {
+    /// Returns the look that shows colours of this space: AgX for light, no curve for colours that
+    /// are a display's, which then stay as they are.
+    pub fn usual(color_space: ColorSpace) -> Self {
+        Self { tonemap: if color_space.is_linear() { Tonemap::Agx } else { Tonemap::None }, exposure_ev: 0.0 }
+    }
+}
+
 /// Writes a PNG of an image in normalised units, whose primaries are those of `color_space`.
 ///
 /// # Errors

@@ -4,6 +4,7 @@
 //! that knows its colour space, and files of it. Values are not clamped; where half floats cannot
 //! hold one, the file has 32 bits a channel.
 
+use std::borrow::Cow;
 use std::path::Path;
 
 use luxel_core::tone::{REFERENCE_WHITE_NITS, Tonemap, display_rgb8, pq_encode, rec709_of};
@@ -90,6 +91,14 @@ impl Radiance {
             *pixel = conversion.apply(self.color_space.towards(color_space, *pixel));
         }
         Self { color_space, ..self }
+    }
+
+    /// Returns the image as light: itself, or colours of a display decoded.
+    pub fn light(&self) -> Cow<'_, Self> {
+        match self.color_space.is_linear() {
+            true => Cow::Borrowed(self),
+            false => Cow::Owned(self.clone().to_color_space(self.color_space.linear())),
+        }
     }
 
     /// Writes an OpenEXR file with the chromaticities and the camera: half floats, or 32 bits where

@@ -5,6 +5,7 @@ use luxel_core::{Camera, ColorSpace, Engine, Image, RadianceScale, RasterConfig,
 
 use crate::device::SelectedEngine;
 use crate::error::{Context, ensure};
+use crate::photograph::{Photograph, Quality, Sampling, Taken};
 use crate::radiance::RadianceLayers;
 use crate::{DeviceOptions, Radiance, Result, Scene};
 
@@ -101,6 +102,34 @@ impl Renderer {
     pub fn render(&mut self, camera: &Camera) -> Result<Radiance> {
         let image = self.render_normalised(camera)?;
         Ok(Radiance::new(image, self.radiance_scale, self.color_space, &self.world_camera(camera)))
+    }
+
+    /// Renders the scene through an aperture, or while the shutter is open; lengths and cameras of
+    /// the photograph are in the scene's local coordinates, as those of [`Self::render`]. Also
+    /// returns the number of samples and the estimate of their error.
+    ///
+    /// ```
+    /// use luxel::photograph::{Aperture, Photograph, Sampling};
+    /// use luxel::{Device, Renderer, synthetic};
+    ///
+    /// # fn main() -> luxel::Result<()> {
+    /// let mut renderer = Renderer::new(&synthetic::room(200, 1), Device::Cpu)?;
+    /// let camera = synthetic::room_camera([32, 24]);
+    /// let aperture = Some(Aperture { diameter: 0.1, focus_distance: 2.0, blades: Some(7) });
+    /// let photograph = Photograph { camera, aperture, motion: None };
+    /// let sampling = Sampling { count: Some(32), ..Sampling::default() };
+    /// let (image, quality) = renderer.photograph(&photograph, sampling)?;
+    /// assert_eq!((image.width(), quality.samples), (32, 32));
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// Those of [`Self::render`]; a camera without an axis; numbers that are no lens or shutter.
+    pub fn photograph(&mut self, photograph: &Photograph, sampling: Sampling) -> Result<(Radiance, Quality)> {
+        let Taken { image, quality, .. } = photograph.take(self.engine.as_mut(), &self.options, sampling, false)?;
+        let camera = self.world_camera(&photograph.camera);
+        Ok((Radiance::new(image, self.radiance_scale, self.color_space, &camera), quality))
     }
 
     /// Renders in normalised units.

@@ -65,7 +65,10 @@ impl Stage {
         let upright = if found.is_z_up { DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y) } else { DMat3::IDENTITY };
         let upright = Similarity::new(upright, factor, DVec3::ZERO).context("metersPerUnit is out of range")?;
         let world_from_layer = upright.then(&self.stage_from_world.inverse());
-        found.cameras.iter_mut().for_each(|named| world_from_layer.apply_to_camera(&mut named.camera));
+        for named in &mut found.cameras {
+            world_from_layer.apply_to_camera(&mut named.camera);
+            named.focus_distance = named.focus_distance.map(|distance| factor * distance);
+        }
         Ok(LayerCameras { cameras: found.cameras, factor, metres_per_unit: found.metres_per_unit })
     }
 

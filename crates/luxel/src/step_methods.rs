@@ -22,6 +22,12 @@ pub(crate) fn means_of(engine: Box<dyn Engine>) -> TrainingMeans<'static> {
     TrainingMeans { engine, methods: step_methods() }
 }
 
+/// Returns the error of something that a published method is needed for.
+pub(crate) fn not_built(what: impl std::fmt::Display) -> Error {
+    let message = format!("{what}: this program was built without the feature methods, which has the published methods");
+    Error::new(message).with_remedy(Remedy::advice("build it with the feature methods"))
+}
+
 /// Refuses a method that this program was built without.
 ///
 /// # Errors
@@ -29,8 +35,7 @@ pub(crate) fn means_of(engine: Box<dyn Engine>) -> TrainingMeans<'static> {
 pub(crate) fn check_is_built(method: Method) -> Result<()> {
     let is_published = method.has_own_steps() || !method.stores_splats();
     if is_published && !cfg!(feature = "methods") {
-        let message = format!("method {}: this program was built without the feature methods, which has it", method.name());
-        return Err(Error::new(message).with_remedy(Remedy::set("method", "lcd")));
+        return Err(not_built(method.name()));
     }
     Ok(())
 }

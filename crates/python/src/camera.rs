@@ -307,7 +307,7 @@ impl PyCamera {
     /// Returns a frame of `transforms.json` as a dictionary.
     #[pyo3(signature = (file_path="camera"))]
     fn to_nerfstudio<'py>(&self, py: Python<'py>, file_path: &str) -> PyResult<Bound<'py, PyAny>> {
-        let named = PathCamera { name: file_path.to_owned(), camera: self.world() };
+        let named = PathCamera::new(file_path, self.world());
         let document: serde_json::Value =
             serde_json::from_str(&luxel_io::camera_file_text(&[named])).map_err(luxel::Error::from).or_raise()?;
         json::to_python(py, &document["frames"][0])

@@ -64,7 +64,7 @@ pub(crate) fn read_cameras<'py>(
         luxel::read_cameras(&path).or_raise()?
     };
     let found = PyDict::new(py);
-    for PathCamera { name, camera } in cameras {
+    for PathCamera { name, camera, .. } in cameras {
         found.set_item(name, PyCamera::checked(camera)?)?;
     }
     Ok(found)
@@ -100,7 +100,7 @@ pub(crate) fn write_cameras(
     let mut named = Vec::with_capacity(cameras.len());
     for (name, camera) in cameras {
         let camera = camera.extract::<PyRef<'_, PyCamera>>()?.world();
-        named.push(PathCamera { name: name.extract()?, camera });
+        named.push(PathCamera::new(name.extract::<String>()?, camera));
     }
     if named.is_empty() {
         return Err(invalid("cameras: found none, expected at least one"));

@@ -117,11 +117,12 @@ pub(crate) enum Attribute {
 ///
 /// Args:
 ///     path: the file, which is replaced.
-///     image: [height, width, 3], linear.
-///     tonemap: curve: "agx", "aces", "reinhard", "mulaw" or "none".
+///     image: [height, width, 3], light, or renders of a scene whose colours are a display's.
+///     tonemap: curve: "agx", "aces", "reinhard", "mulaw" or "none", which shows a display's
+///         colours as they are.
 ///     exposure: stops; at 0 a radiance of `white` is 1 before the curve.
 ///     white: radiance of 1, such as `scene.radiance_scale`.
-///     color_space: space of the pixels.
+///     color_space: space of the pixels; "display-srgb" for a display's colours.
 #[pyfunction]
 #[pyo3(signature = (path, image, *, tonemap="agx", exposure=0.0, white=1.0, color_space="linear-rec709"))]
 pub(crate) fn write_preview(

@@ -19,6 +19,7 @@ mod metrics;
 mod names;
 mod observer;
 mod options;
+mod photograph;
 mod probe;
 mod process;
 mod raster_arrays;

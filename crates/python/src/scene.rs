@@ -55,11 +55,11 @@ impl State {
 }
 
 /// Choices of a render besides its camera; what is left out is the scene's own.
-struct View {
-    camera: PyCamera,
-    background: Option<[f32; 3]>,
-    samples: Option<u8>,
-    device: DeviceOptions,
+pub(crate) struct View {
+    pub(crate) camera: PyCamera,
+    pub(crate) background: Option<[f32; 3]>,
+    pub(crate) samples: Option<u8>,
+    pub(crate) device: DeviceOptions,
 }
 
 /// Returns a device by its name.
@@ -80,11 +80,11 @@ impl PyScene {
     }
 
     /// Renders a view on a thread of its own.
-    fn rendered<T: Send + 'static>(
+    pub(crate) fn rendered<T: Send + 'static>(
         &self,
         py: Python<'_>,
         view: View,
-        render: fn(&mut Renderer, &Camera) -> luxel::Result<T>,
+        render: impl FnOnce(&mut Renderer, &Camera) -> luxel::Result<T> + Send + 'static,
     ) -> PyResult<T> {
         let state = Arc::clone(&self.state);
         let work = move || {

@@ -33,13 +33,14 @@ fn rotation_of(value: &Bound<'_, PyAny>) -> PyResult<DMat3> {
 #[pymethods]
 impl PyScene {
     /// Exports the scene for other programs, in the format of the path's extension: .ply, .usda,
-    /// .usdc, .usdz, .glb or .spz. Returns a dictionary that describes the file.
+    /// .usdc, .usdz, .glb, .spz or .sog. Returns a dictionary that describes the file.
     ///
     /// Args:
     ///     path: the file, which is replaced.
     ///     bake: "exact", "linear" or "display"; None for what suits the format.
     ///     color_space: space of a linear bake.
-    ///     tonemap: curve of a display bake.
+    ///     tonemap: curve of a display bake; by default "agx", and "none" for scenes whose colours
+    ///         are a display's, which then stay as they are.
     ///     exposure: stops.
     ///     max_degree: highest degree of the baked harmonics, 0 to 3.
     ///     max_splats: only this many splats, those that contribute most.

@@ -28,6 +28,24 @@ def test_renders_are_those_of_the_program_to_the_bit(dataset: luxel.Dataset, sce
     assert space == "linear-rec709"
 
 
+def test_photographs_are_those_of_the_program_to_the_bit(dataset: luxel.Dataset, scene: luxel.Scene, tmp_path: Path) -> None:
+    path = tmp_path / "scene.ply"
+    scene.save(path)
+    near, far = (dataset.test[i].camera for i in (0, 1))
+    cameras = tmp_path / "cameras.json"
+    cameras.write_text(json.dumps({"frames": [{**near.to_nerfstudio("a"), "focus_distance": 1.5}, {**far.to_nerfstudio("b"), "focus_distance": 2.0}]}))
+    lens = ["--aperture", "0.1", "--blades", "6", "--shutter", "90", "--lens-samples", "9", "--frames", "0-0"]
+    common = ["-o", tmp_path / "out", "--exr-type", "float", "--device", "cpu", "--quiet"]
+    assert luxel.run_command(["render", path, "--cameras", cameras, *lens, *common]) == 0
+    written, _ = luxel.read_image(tmp_path / "out" / "a.exr")
+    opened = luxel.read_cameras(cameras)
+    lens_of = {"aperture": 0.1, "focus": 1.5, "blades": 6, "shutter": 90.0, "lens_samples": 9}
+    found = luxel.Scene.open(path).photograph(opened["a"], after=opened["b"], device="cpu", **lens_of)
+    np.testing.assert_array_equal(found, written)
+    with pytest.raises(luxel.LuxelError, match="focus: None"):
+        scene.photograph(near, aperture=0.1)
+
+
 def test_threads_render_one_scene_side_by_side(dataset: luxel.Dataset, scene: luxel.Scene) -> None:
     expected = [scene.render(view.camera, device="cpu") for view in dataset.train]
     found: dict[int, np.ndarray] = {}

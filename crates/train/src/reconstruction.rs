@@ -1,5 +1,5 @@
-//! A reconstruction as a run drives it: a place that is learned from views, step by step, whatever
-//! it is made of.
+//! The contract of a run with what it trains: a place that is learned from views, step by step,
+//! whatever it is made of.
 //!
 //! In: steps. Out: images through an engine, the scene for its file, and the state for a
 //! checkpoint, all in normalised units ([`RadianceScale`]). A run with a folder asks for nothing
@@ -66,7 +66,7 @@ pub const ANCHOR_FORMAT: &str = "luxel-anchors";
 pub struct ArrayFile {
     /// Name of the kind of file.
     pub format: &'static str,
-    /// The meaning of the arrays, as JSON.
+    /// Description of the arrays, as JSON.
     pub description: String,
     /// The arrays.
     pub arrays: Vec<FileArray>,
@@ -82,6 +82,7 @@ pub enum SceneContent {
 }
 
 /// The state of a run as its checkpoint stores it.
+#[expect(clippy::large_enum_variant, reason = "one for each checkpoint, written at once")]
 pub enum SavedRun<'a> {
     /// The state of a training of splats, to be read piece by piece.
     Splats(Box<RunState<'a>>),

@@ -107,7 +107,8 @@ pub(crate) fn work(stages: &[Stage], steps: RangeInclusive<u32>, samples_at: imp
         let side = f64::from(samples_at(step)) / f64::from(factor_at(stages, step));
         (side * side + WORK_PER_SPLAT) / (1.0 + WORK_PER_SPLAT)
     };
-    steps.map(of_step).sum()
+    // The sum of nothing is -0.
+    steps.map(of_step).sum::<f64>() + 0.0
 }
 
 impl FromStr for ResolutionSchedule {

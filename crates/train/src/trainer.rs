@@ -16,6 +16,7 @@ mod densify;
 mod fit;
 mod health;
 mod method;
+mod plan;
 mod poses;
 mod saved;
 mod scene_start;

@@ -132,6 +132,16 @@ impl TrainingViews {
         factor_at(&self.stages, step)
     }
 
+    /// Returns the smallest side of the images, pixels.
+    pub(crate) fn smallest_side_px(&self) -> u32 {
+        self.full.iter().flat_map(|view| view.camera.size_px).min().unwrap_or(1)
+    }
+
+    /// Replaces the stages of the resolution, from the next step on.
+    pub(crate) fn set_stages(&mut self, stages: Vec<Stage>) {
+        self.stages = stages;
+    }
+
     /// Returns the stages of the resolution.
     pub(crate) fn stages(&self) -> &[Stage] {
         &self.stages

@@ -182,7 +182,7 @@ async fn mask(workshop: Arc<Workshop>, query: &mut Query, body: Bytes) -> Result
             let found = [decoded.image.width, decoded.image.height];
             return Err(luxel::Error::new(format!("a mask of {} x {} pixels, expected {width} x {height}", found[0], found[1])));
         }
-        let camera = luxel::PathCamera { name: "mask".into(), camera };
+        let camera = luxel::PathCamera::new("mask", camera);
         let name = workshop.save_mask(&body, &luxel_io::camera_file_text(&[camera]))?;
         let path = |extension: &str| workshop.place().join(format!("{name}.{extension}")).display().to_string();
         Ok([path("png"), path("json")])

@@ -127,7 +127,7 @@ fn prepare(path: &PathJson, name: &str, folder: &Folder) -> Result<(Folder, Vec<
 
 async fn render(house: &House, frames: &Arc<Frames>, cameras: Vec<PathCamera>) -> Result<RenderState, Failure> {
     let start = Instant::now();
-    for PathCamera { name, camera } in cameras {
+    for PathCamera { name, camera, .. } in cameras {
         let (radiance, made_by) = loop {
             if house.frames.is_cancelled.load(Ordering::SeqCst) {
                 return Ok(RenderState::Cancelled);

@@ -108,8 +108,9 @@ pub(crate) async fn frame(house: &House, query: &mut Query) -> Result<Answer, Fa
     let place = house.room.place(answer_bytes(&picture.radiance, pixel_bytes)).await?;
     let frame = beside(move || {
         let size = [picture.radiance.width(), picture.radiance.height()];
+        let light = picture.radiance.light();
         let planes = Planes {
-            pixels: if rgb { picture.radiance.pixels() } else { &[] },
+            pixels: if rgb { light.pixels() } else { &[] },
             alpha: if alpha { &picture.alpha } else { &[] },
             depth: if depth { &picture.depth } else { &[] },
         };
@@ -154,7 +155,9 @@ pub(crate) async fn probe(house: &House, query: &mut Query) -> Result<Answer, Fa
         return Err(format!("pixel {x}, {y} is outside of {width} x {height}").into());
     }
     let Rendered { picture, version, .. } = render_surely(house, wanted).await?;
-    let Some(radiance) = picture.radiance.pixel(x as usize, y as usize) else { return Err(String::from("the pixel is missing").into()) };
+    let Some(radiance) = picture.radiance.light().pixel(x as usize, y as usize) else {
+        return Err(String::from("the pixel is missing").into());
+    };
     let luminance: f64 = radiance.iter().zip(weights).map(|(value, weight)| f64::from(*value) * weight).sum();
     let index = (y * width + x) as usize;
     let depth = picture.depth.get(index).copied().filter(|depth| depth.is_finite());

@@ -135,6 +135,7 @@ fn head(scene: &Scene, options: &RenderOptions, kinds: &[RowKind]) -> Value {
         "colorModel": scene.splats.color_model.name(),
         "parameters": layout.count(),
         "rows": kinds,
+        "isDisplay": !scene.color_space.is_linear(),
         "radianceScale": scene.radiance_scale.get(),
         "depthUnit": scene.world_from_local.scale() as f32,
         "options": {

@@ -65,6 +65,8 @@ pub(crate) struct Facts {
     /// The same without the outer twentieth on each side of each axis.
     pub(crate) inner_bounds: [[f64; 3]; 2],
     color_space: &'static str,
+    /// Whether the scene's colours are a display's. Pictures for the page are of their light.
+    is_display: bool,
     /// Rows of the matrix to linear Rec.709.
     rec709_from_scene: [[f64; 3]; 3],
     /// Weights of the scene's R, G and B in luminance.
@@ -140,6 +142,7 @@ impl Subject {
             bounds,
             inner_bounds,
             color_space: scene.color_space.name(),
+            is_display: !scene.color_space.is_linear(),
             rec709_from_scene: rows,
             luminance_weights: luminance_weights(rows),
             radiance_scale: scene.radiance_scale.get(),

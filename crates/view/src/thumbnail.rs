@@ -1,7 +1,6 @@
 //! Small pictures of the cameras' ground truth, as JPEG.
 
 use hyper::StatusCode;
-use luxel::Tonemap;
 use luxel::preview::{self, Look};
 use luxel_core::{ColorSpace, Image};
 
@@ -24,10 +23,10 @@ pub(crate) async fn answer(house: &House, query: &mut Query) -> Result<Answer, F
     Ok(Answer::new("image/jpeg", encoded.map_err(|message| Failure::new(StatusCode::UNPROCESSABLE_ENTITY, message))?))
 }
 
-/// Encodes a small picture of a view's ground truth.
+/// Encodes a small picture of a view's ground truth, beside a scene of this space.
 pub(crate) fn jpeg(image: &Image, radiance_scale: f32, space: ColorSpace) -> Result<Vec<u8>, String> {
     let mut small = image.block_means((image.height / HEIGHT_PX).min(image.width).max(1));
     small.scale(radiance_scale.recip());
-    let look = Look { tonemap: Tonemap::Agx, exposure_ev: 0.0 };
-    preview::encode_jpeg(&small, space, look, QUALITY).map_err(|error| format!("{error:#}"))
+    // Images are light, also of scenes whose colours are a display's.
+    preview::encode_jpeg(&small, space.linear(), Look::usual(space), QUALITY).map_err(|error| format!("{error:#}"))
 }

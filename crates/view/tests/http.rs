@@ -9,7 +9,8 @@ use std::time::{Duration, Instant};
 
 use luxel::solids::{Shape, SolidOptions};
 use luxel::{Device, Edit, Renderer, Scene, synthetic};
-use luxel_core::Similarity;
+use luxel_core::tone::srgb_encode;
+use luxel_core::{ColorSpace, RadianceScale, Similarity};
 use luxel_io::{ReadOptions, decode_image};
 use serde_json::Value;
 
@@ -100,6 +101,31 @@ fn a_probe_and_a_frame_hold_the_values_of_the_render() {
     let truth = viewer.get(&format!("/api/truth?view={}", view.name));
     assert_eq!((truth.status, truth.body.len()), (200, 24 * 24 * 6));
     assert!(viewer.get(&format!("/api/thumbnail?view={}", view.name)).body.starts_with(&[0xff, 0xd8]));
+}
+
+#[test]
+fn colours_of_a_display_are_light_in_the_page_and_stay_as_they_are_in_files() {
+    let mut scene = synthetic::room(300, 1).into_core();
+    scene.color_space = ColorSpace::DisplaySrgb;
+    scene.radiance_scale = RadianceScale::ONE;
+    let viewer = Running::show("127.0.0.1:0", scene.into(), Vec::new());
+    let facts = viewer.json("/api/scene");
+    assert_eq!((&facts["is_display"], &facts["color_space"]), (&true.into(), &"display-srgb".into()));
+    let view = &viewer.dataset.test[0];
+    let stored = Renderer::new(&viewer.scene, Device::Cpu).unwrap().render(&view.camera).unwrap();
+    let file = viewer.get(&format!("/api/frame.exr?view={}", view.name));
+    assert_eq!(file.body, stored.encode_exr().unwrap());
+    let frame = viewer.get(&format!("/api/frame?view={}", view.name));
+    let head: Value = serde_json::from_str(frame.head.lines().find_map(|line| line.strip_prefix("luxel-frame: ")).unwrap()).unwrap();
+    let scale = head["scale"].as_f64().unwrap() as f32;
+    let halves = frame.body.chunks(2).map(|pair| half_to_f32(u16::from_le_bytes([pair[0], pair[1]])) * scale);
+    for (light, code) in halves.zip(stored.pixels().as_flattened()) {
+        // Without a curve the page shows the code.
+        assert!((srgb_encode(light) - code).abs() < 1e-3 * code.max(0.1), "light {light} of {code}");
+    }
+    let probe = viewer.json(&format!("/api/probe?view={}&x=12&y=12", view.name));
+    let (found, code) = (probe["radiance"][1].as_f64().unwrap() as f32, stored.pixel(12, 12).unwrap()[1]);
+    assert!((srgb_encode(found) - code).abs() < 1e-5, "{found} of {code}");
 }
 
 fn half_to_f32(bits: u16) -> f32 {

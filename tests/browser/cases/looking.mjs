@@ -1,6 +1,9 @@
 // Looking: pictures, exposure, false colour, comparison, probes, keys.
 
 import assert from "node:assert/strict";
+import { mkdtempSync, rmSync, writeFileSync } from "node:fs";
+import { tmpdir } from "node:os";
+import path from "node:path";
 import { at, browser, camera, colors, decode, near, newPage, open, scene, serve, set, settled, shot, url } from "../harness.mjs";
 
 export default {
@@ -30,6 +33,31 @@ export default {
     const readout = await page.locator("#readout").innerText();
     for (const word of ["RGB", "luminance", "stops", "depth", "position"]) assert.ok(readout.includes(word), readout);
     await page.close();
+  },
+
+  async "colours of a display are shown as they are stored, until a curve is chosen"() {
+    const folder = mkdtempSync(path.join(tmpdir(), "luxel-display-"));
+    const code = [0.2, 0.5, 0.8];
+    const names = ["x", "y", "z", ...[0, 1, 2].map((c) => `f_dc_${c}`), "opacity", ...[0, 1, 2].map((c) => `scale_${c}`), ...[0, 1, 2, 3].map((c) => `rot_${c}`)];
+    const rows = [-0.2, 0, 0.2, 0.4].map((z) => [0, 0, z, ...code.map((c) => (c - 0.5) / 0.28209479177387814), 9, 0.5, 0.5, 0.5, 1, 0, 0, 0].join(" "));
+    const head = ["ply", "format ascii 1.0", `element vertex ${rows.length}`, ...names.map((name) => `property float ${name}`), "end_header"];
+    const file = path.join(folder, "plain.ply");
+    writeFileSync(file, [...head, ...rows, ""].join("\n"));
+    const display = serve("127.0.0.1:0", file);
+    const page = await open("", { at: await display.url });
+    assert.equal(await page.evaluate(() => window.luxel.state.curve), "none");
+    const [stored] = await colors(page, [[0.5, 0.5]]);
+    stored.forEach((found, c) => near(found, 255 * code[c], 3, `channel ${c}`));
+    assert.match(await page.locator("#curve-text").innerText(), /shown as they are stored/);
+    await page.waitForFunction(() => location.hash.includes("eye=") && !location.hash.includes("curve="));
+    await set(page, { curve: "agx" });
+    const [mapped] = await colors(page, [[0.5, 0.5]]);
+    assert.ok(mapped.some((found, c) => Math.abs(found - stored[c]) > 10), `${mapped} as ${stored}`);
+    await page.waitForFunction(() => location.hash.includes("curve=agx"));
+    assert.deepEqual(page.failures, []);
+    await page.close();
+    display.child.kill();
+    rmSync(folder, { recursive: true });
   },
 
   async "three stops more are eight times the light"() {

@@ -35,7 +35,7 @@ pub(crate) struct ExportArgs {
     /// bake, on top of its own exposure.
     #[arg(long, default_value_t = 0.0, value_name = "EV", allow_negative_numbers = true, value_parser = parse_finite, help_heading = "Colour")]
     pub(crate) exposure: f32,
-    /// Curve of the display bake [default: agx].
+    /// Curve of the display bake [default: agx, for scenes of display colours none].
     #[arg(long, value_enum, value_name = "CURVE", help_heading = "Colour")]
     pub(crate) tonemap: Option<TonemapArg>,
     /// Highest degree of the baked harmonics, 0 to 3.

@@ -32,7 +32,7 @@ const SHORT: [ShortHelp; 19] = [
     },
     ShortHelp {
         command: "train",
-        options: &["output", "resume", "overwrite", "preset", "iterations", "method", "max-splats", "downscale", "device", "quiet"],
+        options: &["output", "resume", "overwrite", "preset", "iterations", "time", "method", "max-splats", "downscale", "device", "quiet"],
         example: "luxel train my-images -o run\n  luxel train --resume -o run",
     },
     ShortHelp { command: "view", options: &["with", "data", "listen", "no-browser", "device", "quiet"], example: "luxel view run" },

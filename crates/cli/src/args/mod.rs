@@ -9,6 +9,7 @@ mod edit;
 mod export;
 mod help;
 mod mix;
+mod photograph;
 mod pick;
 mod prepare;
 mod probe;

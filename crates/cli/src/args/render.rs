@@ -6,6 +6,7 @@ use clap::{ArgGroup, Args};
 use luxel_train::parse_rgb;
 
 use super::edit::parse_edits;
+use super::photograph::PhotographArgs;
 use super::{EditText, SceneDataArgs, ShMapArg};
 use crate::args::values::{
     ExrTypeArg, Frames, LensArg, PathArg, Shard, SpaceArg, SplitArg, TonemapArg, parse_finite, parse_frames, parse_point, parse_positive,
@@ -97,7 +98,8 @@ pub(crate) struct RenderArgs {
     #[arg(long, help_heading = "Images")]
     pub(crate) alpha: bool,
     /// Add channel Z, 32 bits: the mean distance along the viewing axis in world units; 1e10 where
-    /// there is nothing.
+    /// there is nothing. With an aperture or a shutter, those of the sharp image in the middle of
+    /// the exposure.
     #[arg(long, help_heading = "Images")]
     pub(crate) depth: bool,
     /// Add channels N.X, N.Y and N.Z, 32 bits: unit normals of the world, towards the camera; 0
@@ -114,9 +116,12 @@ pub(crate) struct RenderArgs {
         require_equals = true,
         default_missing_value = "32",
         value_parser = clap::value_parser!(u16).range(1..=1024),
+        conflicts_with = "exposed",
         help_heading = "Images"
     )]
     pub(crate) deep: Option<u16>,
+    #[command(flatten)]
+    pub(crate) photograph: PhotographArgs,
     /// Also write a tone-mapped 8-bit preview VIEW.png with this curve.
     #[arg(long, value_enum, value_name = "CURVE", help_heading = "Images")]
     pub(crate) tonemap: Option<TonemapArg>,

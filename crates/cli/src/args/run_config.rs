@@ -112,7 +112,7 @@ mod tests {
     fn effective(arg: &clap::Arg) -> Option<(Vec<String>, RunConfig, ExplicitArgs)> {
         let base = toml(&parsed(&[]).unwrap().0);
         let named: Vec<String> = arg.get_possible_values().iter().map(|value| value.get_name().to_owned()).collect();
-        let numbers = ["4", "0.25", "2,3,4", "17", "gpu:some card", "0.1,0.2", "64MiB", "200", "8x256"].map(String::from);
+        let numbers = ["4", "0.25", "2,3,4", "17", "gpu:some card", "0.1,0.2", "64MiB", "200", "8x256", "10min"].map(String::from);
         let long = format!("--{}", arg.get_long()?);
         let with_value = named.iter().chain(&numbers).map(|value| vec![format!("{long}={value}")]);
         std::iter::once(vec![long.clone()]).chain(with_value).find_map(|words| {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use luxel::run::{ExplicitArgs, PlotLog, RunOptions};
+use luxel::run::{ExplicitArgs, PlotLog, RunOptions, TimeLimit};
 use luxel::{Device, DeviceOptions, LoadOptions};
 use luxel_io::{Exposures, ImageMemory, MaskSource};
 
@@ -131,6 +131,10 @@ impl DeviceArgs {
 /// Options of saving and evaluating during training.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct RunArgs {
+    /// Train for this long, such as 90s, 10min or 1h30min: as many steps as fit, on reduced images
+    /// where whole ones leave too few. Evaluations and the files after the last step come on top.
+    #[arg(long, value_name = "TIME", conflicts_with = "iterations", help_heading = "Run")]
+    pub(crate) time: Option<TimeLimit>,
     /// Save a checkpoint every N steps; 0 saves one at the end only.
     #[arg(long, default_value_t = 5000, value_name = "N", help_heading = "Run")]
     pub(crate) checkpoint_every: u32,
@@ -169,6 +173,7 @@ impl RunArgs {
             eval_every: self.eval_every,
             refine_display: self.refine_display,
             image_memory: self.image_memory,
+            time: self.time,
             from: None,
             log: self.log.clone(),
         }

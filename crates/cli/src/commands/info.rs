@@ -287,9 +287,10 @@ fn describe_image(path: &Path, args: &InfoArgs) -> Result<Tree> {
     let image: &Image = &decoded.image;
     let mut facts = Tree::default();
     let depth = match decoded.depth {
-        SampleDepth::Float => "floating point",
-        SampleDepth::Integer16 => "16-bit integer",
-        SampleDepth::Integer8 => "8-bit integer, not HDR",
+        SampleDepth::Float => "floating point".to_owned(),
+        SampleDepth::Integer16 => "16-bit integer".to_owned(),
+        SampleDepth::Integer8 => "8-bit integer, not HDR".to_owned(),
+        SampleDepth::FewBits(bits) => format!("{bits}-bit integer, not HDR"),
     };
     let assumed = args.load.color_space.map(ColorSpace::from);
     if let Some(given) = assumed {

@@ -1,6 +1,7 @@
 //! `luxel render`: images of a scene in the units of the data set, and a video of them.
 
 mod deep;
+mod photograph;
 mod shots;
 mod video;
 
@@ -19,6 +20,7 @@ use luxel_io::ExrOptions;
 use serde_json::json;
 
 use self::deep::DeepJob;
+use self::photograph::{PhotographJob, Photographer, photographs};
 use self::shots::{Shot, Shots};
 use crate::args::{DeviceArgs, EditText, RenderArgs, flag};
 use crate::inputs::engine;
@@ -33,6 +35,7 @@ struct Job {
     exr: PathBuf,
     png: Option<PathBuf>,
     deep: Option<DeepJob>,
+    photograph: Option<PhotographJob>,
     /// Digest of what decides the image.
     made_by: String,
     /// Digest of what decides the preview.
@@ -107,15 +110,18 @@ fn make(
     console: &Console,
 ) -> Result<()> {
     let mut too_bright = 0usize;
+    let mut photographer = Photographer::default();
     let mut progress = FrameProgress { observer: console, done: 0, total: u32::try_from(jobs.len()).unwrap_or(u32::MAX) };
     for job in jobs {
-        let layers = render(args, engine, &job.camera, options).with_context(|| format!("cannot render {}", job.exr.display()))?;
+        let picture =
+            render(args, scene, job, engine, options, &mut photographer).with_context(|| format!("cannot render {}", job.exr.display()))?;
         let is_cut = deep::write(args, scene, job, engine, options)
             .with_context(|| format!("cannot render the deep image of {}", job.exr.display()))?;
-        too_bright += usize::from(write(args, scene, job, layers)? || is_cut);
+        too_bright += usize::from(write(args, scene, job, picture)? || is_cut);
         let deep = job.deep.as_ref().map(|deep| &deep.path);
         progress.add(&job.name, std::iter::once(&job.exr).chain(&job.png).chain(deep).cloned().collect());
     }
+    photographer.report(args, console);
     if too_bright > 0 {
         console.warn(&format!(
             "{} exceed 65504, the largest half float, and are cut there; leave --exr-type half out",
@@ -156,7 +162,8 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
         Content::Implicit(digest) => recipe = recipe.with("field", digest),
         Content::Lifted => recipe = recipe.with("colors", "lifted"),
     }
-    let all = jobs(args, shots, &recipe, &console)?;
+    let photographs = photographs(args, scene, &shots)?;
+    let all = jobs(args, shots, photographs, &recipe, &console)?;
     let jobs = unmade(&all, args.overwrite)?;
     let video = args.video.as_ref().map(|path| video::Video::plan(args, path, &all)).transpose()?;
     if jobs.len() < all.len() {
@@ -259,12 +266,26 @@ struct Picture {
 }
 
 /// Renders the image, with coverage, depth and normals if they are asked for.
-fn render(args: &RenderArgs, engine: &mut dyn Engine, camera: &Camera, options: &RenderOptions) -> Result<Picture> {
+fn render(
+    args: &RenderArgs,
+    scene: &Scene,
+    job: &Job,
+    engine: &mut dyn Engine,
+    options: &RenderOptions,
+    photographer: &mut Photographer,
+) -> Result<Picture> {
+    let camera = &job.camera;
     luxel::memory::check_render(camera.size_px, options.raster.samples)?;
     args.deep.map_or(Ok(()), |most_samples| luxel::memory::check_deep(camera.size_px, most_samples))?;
-    let layers = match args.alpha || args.depth {
-        true => engine.render_layers(camera, options)?,
-        false => Layers { image: engine.render(camera, options)?, ..Layers::default() },
+    let layers = match (&job.photograph, args.alpha || args.depth) {
+        (Some(photograph), _) => {
+            let taken = photographer.take(photograph, scene, engine, options, args.alpha)?;
+            // Depths that are a mean over the aperture are those of nothing.
+            let depth = if args.depth { engine.render_layers(camera, options)?.depth } else { Vec::new() };
+            Layers { depth, ..taken }
+        }
+        (None, true) => engine.render_layers(camera, options)?,
+        (None, false) => Layers { image: engine.render(camera, options)?, ..Layers::default() },
     };
     let normals = if args.normals { Some(engine.render_normals(camera, options).context("cannot render normals")?) } else { None };
     Ok(Picture { layers, normals })
@@ -272,18 +293,23 @@ fn render(args: &RenderArgs, engine: &mut dyn Engine, camera: &Camera, options: 
 
 /// Returns file names and cameras of the frames and the shard asked for. Names do not depend on the
 /// part that is rendered.
-fn jobs(args: &RenderArgs, shots: Shots, recipe: &Recipe, console: &Console) -> Result<Vec<Job>> {
+fn jobs(args: &RenderArgs, shots: Shots, photographs: Option<Vec<PhotographJob>>, recipe: &Recipe, console: &Console) -> Result<Vec<Job>> {
     let count = shots.frames_len();
     let Shots { all: shots, frames, images_per_frame, .. } = shots;
     let stems = unique_stems(shots.iter().map(|shot| shot.name.as_str()));
-    let job = |(shot, stem): (Shot, String)| {
+    let mut photographs = photographs.map_or_else(|| vec![None; shots.len()], |all| all.into_iter().map(Some).collect());
+    let mut job = |(i, (shot, stem)): (usize, (Shot, String))| {
+        let photograph: Option<PhotographJob> = photographs[i].take();
         let of_frame = recipe.clone().with_camera(&shot.camera);
+        // Plain renders keep the recipe that they had before there were others.
+        let of_frame = photograph.iter().fold(of_frame, |recipe, photograph| recipe.with("photograph", photograph.recipe()));
         let exr = args.output.join(format!("{stem}.exr"));
         let preview = of_frame.clone().with("tonemap", format_args!("{:?}", args.tonemap)).with("exposure", args.exposure);
         Job {
             name: shot.name,
             camera: shot.camera,
             deep: DeepJob::new(args, &exr, &of_frame),
+            photograph,
             exr,
             png: args.tonemap.map(|_| args.output.join(format!("{stem}.png"))),
             made_by: of_frame.digest(),
@@ -303,7 +329,7 @@ fn jobs(args: &RenderArgs, shots: Shots, recipe: &Recipe, console: &Console) -> 
     let in_frames =
         shots.into_iter().zip(stems).enumerate().filter(|(i, _)| frames.is_none_or(|frames| frames.contains(i / images_per_frame)));
     let in_shard = in_frames.enumerate().filter(|(i, _)| args.shard.is_none_or(|shard| i / images_per_frame % shard.count == shard.index));
-    Ok(in_shard.map(|(_, (_, named))| job(named)).collect())
+    Ok(in_shard.map(|(_, named)| job(named)).collect())
 }
 
 /// Writes the files of a job; returns whether half floats could not hold the image.

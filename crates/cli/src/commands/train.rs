@@ -155,7 +155,8 @@ fn resolve(args: &TrainArgs, explicit: &ExplicitArgs, occupant: Occupant, ranks:
         let Occupant::Run(stored) = occupant else { bail!("{output}: no run to resume; leave --resume out to start one") };
         let dataset = args.dataset.as_deref().map_or(Ok(stored.dataset.clone()), absolute)?;
         let given = run_config::from_args(args, dataset.clone(), explicit);
-        let config = run_config::resumed(&stored, &given, explicit)?;
+        let mut config = run_config::resumed(&stored, &given, explicit)?;
+        prefer_steps(&mut config, explicit);
         run_config::reject_inapplicable(&config, explicit)?;
         // A demo that is trained further is the user's work, which the next demo must not replace.
         let is_same = config.train.iterations == stored.train.iterations;
@@ -163,6 +164,7 @@ fn resolve(args: &TrainArgs, explicit: &ExplicitArgs, occupant: Occupant, ranks:
         return Ok(Start::Resume(RunConfig { dataset, made_by, ..config }));
     }
     let mut config = from_command_line(args, explicit)?;
+    prefer_steps(&mut config, explicit);
     config.imply_supervision(explicit);
     if config.train.batch == 1 && !explicit.contains("batch") {
         config.train.batch = u32::try_from(ranks).unwrap_or(MAX_BATCH);
@@ -181,6 +183,13 @@ fn resolve(args: &TrainArgs, explicit: &ExplicitArgs, occupant: Occupant, ranks:
         Occupant::Foreign => {
             bail!("{output}: is not empty and not a luxel run (which --resume and --overwrite are for); choose another output folder")
         }
+    }
+}
+
+/// Leaves a limit of time out where a number of steps is given over a file that has one.
+fn prefer_steps(config: &mut RunConfig, explicit: &ExplicitArgs) {
+    if explicit.contains("iterations") && !explicit.contains("time") {
+        config.run.time = None;
     }
 }
 

@@ -72,5 +72,5 @@ pub(crate) fn depth() -> Vec<Vec<u8>> {
     let samples: Vec<u8> = (0..12u8).flat_map(|v| f32::from(v).to_le_bytes()).collect();
     let pfm = [&b"Pf\n4 3\n-1.0\n"[..], &samples].concat();
     let npy = array("{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4), }", &samples);
-    [vec![pfm, npy], seeds::exr(), seeds::png()].concat()
+    [vec![pfm, npy, seeds::grey16()], seeds::exr()].concat()
 }

@@ -91,6 +91,16 @@ pub(crate) fn png() -> Vec<Vec<u8>> {
     vec![encode_png(WIDTH, HEIGHT, &bytes(3 * WIDTH * HEIGHT)).expect("a picture can be written")]
 }
 
+/// Returns a PNG of 16-bit grey: distances in whole units.
+pub(crate) fn grey16() -> Vec<u8> {
+    use image::ImageEncoder;
+    let mut file = Vec::new();
+    let encoder = image::codecs::png::PngEncoder::new(&mut file);
+    let (width, height) = (WIDTH as u32, HEIGHT as u32);
+    encoder.write_image(&bytes(2 * WIDTH * HEIGHT), width, height, image::ExtendedColorType::L16).expect("a picture can be written");
+    file
+}
+
 pub(crate) fn jpeg() -> Vec<Vec<u8>> {
     let picture = encode_jpeg(WIDTH, HEIGHT, &bytes(3 * WIDTH * HEIGHT), 85).expect("a picture can be written");
     // With a gain map behind it.

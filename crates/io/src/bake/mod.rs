@@ -88,7 +88,7 @@ pub struct BakeOptions {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Baked {
     /// Harmonics of display colours or of radiance, `radiance_scale` 1, to be rendered with its own
-    /// `raster`.
+    /// `raster`. Gains of edits are in the harmonics; OpenUSD files alone hold gains beside them.
     pub scene: Scene,
     /// Appearance that was requested.
     pub appearance: Appearance,

@@ -2,11 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use luxel_core::Snapshot;
-
 use crate::IoError;
 use crate::atomic::is_unfinished_name;
-use crate::checkpoint::read_checkpoint;
 
 const FOLDER: &str = "checkpoints";
 const PREFIX: &str = "step_";
@@ -19,15 +16,6 @@ pub struct CheckpointFile {
     pub iteration: u64,
     /// The file.
     pub path: PathBuf,
-}
-
-/// The checkpoint that a run can be continued from.
-#[derive(Debug)]
-pub struct LatestCheckpoint {
-    /// The newest checkpoint that can be read, and its content; `None` if there is none.
-    pub newest: Option<(CheckpointFile, Snapshot)>,
-    /// Why newer ones could not be read, newest first.
-    pub damaged: Vec<IoError>,
 }
 
 /// Returns the path of the checkpoint after `iteration` steps of the run in `run_dir`.
@@ -50,22 +38,6 @@ pub fn list_checkpoints(run_dir: &Path) -> Result<Vec<CheckpointFile>, IoError> 
         .collect();
     files.sort_by(|a, b| (b.iteration, &b.path).cmp(&(a.iteration, &a.path)));
     Ok(files)
-}
-
-/// Reads the newest checkpoint that is whole.
-///
-/// # Errors
-/// A folder that cannot be read; files that cannot be read are listed in
-/// [`LatestCheckpoint::damaged`].
-pub fn latest_checkpoint(run_dir: &Path) -> Result<LatestCheckpoint, IoError> {
-    let mut damaged = Vec::new();
-    for file in list_checkpoints(run_dir)? {
-        match read_checkpoint(&file.path) {
-            Ok(snapshot) => return Ok(LatestCheckpoint { newest: Some((file, snapshot)), damaged }),
-            Err(error) => damaged.push(error),
-        }
-    }
-    Ok(LatestCheckpoint { newest: None, damaged })
 }
 
 /// Removes all but the newest `keep` checkpoints (at least one is kept), and files that a killed

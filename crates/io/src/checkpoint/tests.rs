@@ -182,10 +182,9 @@ fn snapshots_that_could_not_be_read_back_are_not_written() {
 }
 
 #[test]
-fn the_newest_whole_checkpoint_is_found_and_old_ones_are_pruned() {
+fn checkpoints_are_listed_and_old_ones_are_pruned() {
     let run = tempfile::tempdir().unwrap();
     assert!(list_checkpoints(run.path()).unwrap().is_empty());
-    assert!(latest_checkpoint(run.path()).unwrap().newest.is_none());
     for iteration in [7000, 500, 1_000_000_000, 30000] {
         write_checkpoint(&checkpoint_path(run.path(), iteration), &snapshot(LCD, 2, iteration)).unwrap();
     }
@@ -194,13 +193,6 @@ fn the_newest_whole_checkpoint_is_found_and_old_ones_are_pruned() {
     std::fs::write(run.path().join("checkpoints/.luxel-abc.tmp"), "half").unwrap();
     let found = |run: &Path| -> Vec<u64> { list_checkpoints(run).unwrap().iter().map(|c| c.iteration).collect() };
     assert_eq!(found(run.path()), [1_000_000_000, 30000, 7000, 500]);
-    let newest = checkpoint_path(run.path(), 1_000_000_000);
-    let bytes = std::fs::read(&newest).unwrap();
-    std::fs::write(&newest, &bytes[..bytes.len() / 2]).unwrap();
-    let latest = latest_checkpoint(run.path()).unwrap();
-    let (file, read) = latest.newest.unwrap();
-    assert_eq!((file.iteration, read), (30000, snapshot(LCD, 2, 30000)));
-    assert_eq!(latest.damaged.iter().map(|e| e.path.clone()).collect::<Vec<_>>(), [newest]);
     prune_checkpoints(run.path(), 2).unwrap();
     assert_eq!(found(run.path()), [1_000_000_000, 30000]);
     assert!(!run.path().join("checkpoints/.luxel-abc.tmp").exists());

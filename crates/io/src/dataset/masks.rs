@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use super::files::{Finder, IMAGE_EXTENSIONS, Substitute};
 use super::source::SourceFrame;
 use crate::IoError;
-use crate::image::{DecodedImage, SampleDepth, decode_codes};
+use crate::image::{DecodedImage, decode_codes};
 
 /// Names that a warning lists.
 const MAX_LISTED: usize = 3;
@@ -172,14 +172,11 @@ pub(super) fn decode_with_remark(path: &Path, bytes: &[u8], size_px: [usize; 2])
     }
     let weight = |rgb: &[f32; 3]| rgb.iter().fold(0.0, |most: f32, v| if *v > most { *v } else { most }).min(1.0);
     let mut weights: Vec<f32> = image.pixels.iter().map(weight).collect();
-    let largest = match depth {
-        SampleDepth::Float => return Ok((Mask { weights }, None)),
-        SampleDepth::Integer8 => 255.0f32,
-        SampleDepth::Integer16 => 65535.0,
-    };
+    let Some(bits) = depth.integer_bits() else { return Ok((Mask { weights }, None)) };
+    let largest = ((1u32 << bits) - 1) as f32;
     let most = (weights.iter().copied().fold(0.0, f32::max) * largest).round();
     let is_coloured = image.pixels.iter().any(|[r, g, b]| r != g || g != b);
-    let remark = if most == 1.0 {
+    let remark = if most == 1.0 && largest > 1.0 {
         // Truth values, as arrays of them are saved: no picture ends at the code next to black.
         weights.iter_mut().for_each(|weight| *weight = if *weight > 0.0 { 1.0 } else { 0.0 });
         Some(format!("the mask has numbers 0 and 1 of {largest}: 1 counts as white"))

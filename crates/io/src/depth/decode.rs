@@ -36,10 +36,11 @@ pub fn decode_depth_map(name: &Path, bytes: &[u8]) -> Result<DepthMap, IoError> 
                 let codes = first(f32::from(u16::MAX)).into_iter().map(f32::round).collect();
                 (size, codes, Some(16))
             }
-            SampleDepth::Integer8 => {
+            low @ (SampleDepth::Integer8 | SampleDepth::FewBits(_)) => {
+                let bits = low.integer_bits().unwrap_or(8);
                 return Err(IoError::unsupported(
                     name,
-                    "an image of 8 bits, expected 16 or floating point: 8 bits are a picture of depth; export the numbers",
+                    format!("an image of {bits} bits, expected 16 or floating point: so few are a picture of depth; export the numbers"),
                 ));
             }
         }
@@ -93,7 +94,7 @@ mod tests {
         assert_eq!((map.size_px, map.integer_bits), ([8, 8], Some(16)));
         let mut bytes = std::io::Cursor::new(Vec::new());
         image::GrayImage::new(8, 8).write_to(&mut bytes, image::ImageFormat::Png).unwrap();
-        assert!(decode(bytes.get_ref()).unwrap_err().message.contains("8 bits are a picture of depth"));
+        assert!(decode(bytes.get_ref()).unwrap_err().message.starts_with("an image of 8 bits, expected 16"));
     }
 
     fn exr(channels: &[&str]) -> Vec<u8> {

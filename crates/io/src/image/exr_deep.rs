@@ -20,7 +20,8 @@ use luxel_core::engine::{DeepImage, DeepSample};
 use rayon::prelude::*;
 
 use super::exr_header::sort_attributes;
-use super::write::{ExrOptions, ExrSample, HALF_MAX, attributes, to_half};
+use super::exr_options::{ExrOptions, ExrSample, HALF_MAX, to_half};
+use super::write::attributes;
 use crate::{IoError, write_atomically};
 
 /// Longest name of an attribute without a flag for long names.

@@ -19,6 +19,8 @@ mod exr_blocks;
 mod exr_deep;
 mod exr_header;
 mod exr_layers;
+mod exr_lines;
+mod exr_options;
 mod gain_map;
 pub(crate) mod guard;
 mod interop_id;
@@ -50,12 +52,13 @@ use crate::read_file::{open_regular, read_file};
 
 pub use exr_attributes::{ExrAttributes, read_exr_attributes};
 pub use exr_deep::{encode_deep_exr, write_deep_exr};
+pub use exr_options::{ExrOptions, ExrSample, HALF_MAX};
 pub use interop_id::name as color_interop_id;
 pub use png_pq::{LightLevels, encode_png_pq};
 pub use resample::{downscale, downscale_masked, pinhole_within, undistort, undistort_into};
 pub(crate) use straighten::{lost_field, straighten};
 pub use transfer::Transfer;
-pub use write::{ExrOptions, ExrSample, HALF_MAX, encode_exr, encode_jpeg, encode_png, write_exr, write_png};
+pub use write::{encode_exr, encode_jpeg, encode_png, write_exr, write_png};
 
 /// An image as read.
 #[derive(Clone, Debug)]
@@ -124,8 +127,27 @@ pub enum SampleDepth {
     Float,
     /// 9 to 16 bits, of one transfer curve.
     Integer16,
-    /// Up to 8 bits: not HDR.
+    /// 8 bits: not HDR.
     Integer8,
+    /// 1 to 7 bits, as many as are named: not HDR.
+    FewBits(u8),
+}
+
+impl SampleDepth {
+    /// Returns the bits of integer samples; `None` for floats.
+    pub fn integer_bits(self) -> Option<u8> {
+        match self {
+            Self::Float => None,
+            Self::Integer16 => Some(16),
+            Self::Integer8 => Some(8),
+            Self::FewBits(bits) => Some(bits),
+        }
+    }
+
+    /// Returns whether samples are integers of at most 8 bits, which hold no HDR.
+    pub fn is_low(self) -> bool {
+        self.integer_bits().is_some_and(|bits| bits <= 8)
+    }
 }
 
 /// Options for properties that a file does not state.
@@ -185,6 +207,23 @@ impl Format {
             )
         })
     }
+}
+
+/// Returns what a file's first bytes say of the image or the video that it is; `None` for one that
+/// is neither.
+pub(crate) fn image_format(name: &Path, head: &[u8]) -> Option<String> {
+    let named = match Format::detect(name, head) {
+        Ok(Format::OpenExr) => "an OpenEXR image",
+        Ok(Format::Radiance) => "a Radiance HDR image",
+        Ok(Format::Tiff) => "a TIFF or DNG image",
+        Ok(Format::Png) => "a PNG image",
+        Ok(Format::Jpeg) => "a JPEG image",
+        Ok(Format::Npy) => "a NumPy array",
+        Ok(Format::Dpx) => "a DPX image",
+        // Only its name: what to do with it is for a scene.
+        Err(_) => refused::other_picture(head)?.split([',', ';']).next()?,
+    };
+    Some(named.to_owned())
 }
 
 /// Reads an image file.

@@ -10,7 +10,7 @@ use std::path::Path;
 use luxel_core::{Chromaticities, ColorSpace, Conversion};
 use rayon::prelude::*;
 
-use super::{DecodedImage, Format, ReadOptions, SampleDepth, Transfer};
+use super::{DecodedImage, Format, ReadOptions, Transfer};
 use super::{dpx, jpeg, npy, openexr, png, tiff};
 use crate::IoError;
 
@@ -40,8 +40,8 @@ pub(super) fn decode(
         let message = format!("colours multiplied by an opacity, which the curve {transfer} cannot be taken of; export it without");
         return Err(IoError::unsupported(name, message));
     }
-    if decoded.depth == SampleDepth::Integer8 {
-        decoded.warnings.push(format!("8 bits are too few for the curve {transfer}: steps of shadows and lights show"));
+    if let Some(bits) = decoded.depth.integer_bits().filter(|bits| *bits <= 8) {
+        decoded.warnings.push(format!("{bits} bits are too few for the curve {transfer}: steps of shadows and lights show"));
     }
     let own_space = ColorSpace::from_chromaticities(primaries);
     let space = own_space.unwrap_or(ColorSpace::AcesCg);

@@ -68,6 +68,16 @@ pub(super) fn stated_curve(name: &Path, bytes: &[u8]) -> Result<Option<StatedCur
     })
 }
 
+/// Returns the bits of grey samples of fewer than 8, which the decoder stretches to them.
+fn few_bits(bytes: &[u8]) -> Option<u8> {
+    /// Places of the bits of a sample and of the colour type, and that of grey (PNG, 11.2.1).
+    const BITS: usize = 24;
+    const COLOR_TYPE: usize = 25;
+    const GREY: u8 = 0;
+    let bits = *bytes.get(BITS).filter(|bits| **bits < 8)?;
+    (bytes.get(COLOR_TYPE) == Some(&GREY)).then_some(bits)
+}
+
 /// Returns the samples through their curve, in the file's primaries.
 fn decode_samples(name: &Path, bytes: &[u8], info: &Info, options: &ReadOptions) -> Result<DecodedImage, IoError> {
     check_size(name, info.size.map(u64::from), bytes.len() as u64)?;
@@ -105,6 +115,7 @@ fn decode_samples(name: &Path, bytes: &[u8], info: &Info, options: &ReadOptions)
             layout.assemble16(name, &buffer, curve)?
         }
     };
+    let depth = few_bits(bytes).map_or(depth, SampleDepth::FewBits);
     let (is_display_coded, mut warnings) = (chosen != LINEAR, depth_warnings(depth));
     warnings.extend(info.pixel_aspect.and_then(aspect_warning));
     Ok(DecodedImage { image, alpha, is_premultiplied: false, color_space: None, chromaticities: None, depth, is_display_coded, warnings })

@@ -30,16 +30,21 @@ pub(super) fn known_by_name(name: &Path, head: &[u8]) -> Option<IoError> {
     if let Some(refused) = refused_scene(name, head) {
         return Some(refused);
     }
-    let unsupported = |what: &str| Some(IoError::unsupported(name, format!("{what}{}", expected())));
+    let what = other_picture(head).or_else(|| {
+        let is_scene = SceneFormat::from_bytes(head).is_some();
+        is_scene.then_some("a scene or an archive and not an image; give it where a scene is expected")
+    });
+    what.map(|what| IoError::unsupported(name, format!("{what}{}", expected())))
+}
+
+/// Returns what a file of a format of pictures or videos is that is not read, and what to do.
+pub(super) fn other_picture(head: &[u8]) -> Option<&'static str> {
     if let Some((_, what)) = MAGIC.iter().find(|(magic, _)| head.starts_with(magic)) {
-        return unsupported(what);
+        return Some(what);
     }
     match (head.get(..4), head.get(4..8), head.get(8..12)) {
-        (Some(b"RIFF"), _, Some(b"WEBP")) => unsupported("WebP, which is not read; export it as PNG"),
-        (_, Some(b"ftyp"), Some(brand)) => unsupported(iso_media(brand)),
-        _ if SceneFormat::from_bytes(head).is_some() => {
-            unsupported("a scene or an archive and not an image; give it where a scene is expected")
-        }
+        (Some(b"RIFF"), _, Some(b"WEBP")) => Some("WebP, which is not read; export it as PNG"),
+        (_, Some(b"ftyp"), Some(brand)) => Some(iso_media(brand)),
         _ => None,
     }
 }

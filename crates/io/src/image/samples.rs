@@ -50,7 +50,7 @@ impl Curve {
     }
 }
 
-/// The warning about every image of up to 8 bits.
+/// The warning about every image of 8 bits.
 pub(super) const NOT_HDR: &str = "8 bits: not HDR";
 
 /// How far a pixel aspect ratio may be off 1: rounding of sizes and resolutions.
@@ -70,7 +70,11 @@ pub(super) fn aspect_warning(aspect: f64) -> Option<String> {
 
 /// Returns the warnings that follow from the precision.
 pub(super) fn depth_warnings(depth: SampleDepth) -> Vec<String> {
-    if depth == SampleDepth::Integer8 { vec![NOT_HDR.to_string()] } else { Vec::new() }
+    match depth {
+        SampleDepth::Integer8 => vec![NOT_HDR.to_string()],
+        SampleDepth::FewBits(bits) => vec![format!("{bits} bits: not HDR")],
+        SampleDepth::Integer16 | SampleDepth::Float => Vec::new(),
+    }
 }
 
 /// Size and channels of interleaved samples: 1 grey, 2 grey and alpha, 3 RGB, 4 RGB and alpha.

@@ -117,8 +117,8 @@ fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<De
     let ReadSamples { layout, values, bits, is_premultiplied } = tiff_samples::read(name, bytes)?;
     let mut decoded = convert(name, layout, &values, is_premultiplied, options)?;
     if bits < 8 {
-        decoded.depth = SampleDepth::Integer8;
-        decoded.warnings.extend(depth_warnings(decoded.depth));
+        decoded.depth = SampleDepth::FewBits(bits);
+        decoded.warnings = depth_warnings(decoded.depth);
     }
     decoded.warnings.extend(aspect.and_then(aspect_warning));
     Ok(decoded)

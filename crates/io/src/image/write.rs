@@ -4,79 +4,26 @@ use std::io::Cursor;
 use std::path::Path;
 
 use ::exr::error::Error as ExrError;
-use ::exr::image::{AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Image as ExrImage, Layer};
+use ::exr::image::{Blocks, Encoding, Image as ExrImage, Layer};
 use ::exr::meta::attribute::{AttributeValue, Chromaticities, Compression, EnvironmentMap, LineOrder, Text};
 use ::exr::meta::header::LayerAttributes;
-use ::exr::prelude::{SmallVec, Vec2, WritableImage, f16};
+use ::exr::prelude::{Vec2, WritableImage};
 use glam::{DMat3, DMat4, DVec2, DVec3, DVec4};
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use luxel_core::environment::Projection;
-use luxel_core::{Camera, ColorSpace, Image};
+use luxel_core::{Camera, Image};
 
 use super::exr_header::sort_attributes;
+use super::exr_lines::ImageChannels;
+use super::exr_options::{ExrOptions, out_of_range};
 use super::interop_id;
 use crate::{IoError, write_atomically};
 
-/// Precision of a written OpenEXR file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ExrSample {
-    /// 16 bits: 11 of mantissa, up to 65504.
-    #[default]
-    Half,
-    /// 32 bits, as in memory.
-    Float,
-}
-
-impl ExrSample {
-    /// Returns half floats, or 32 bits where a value of the image is beyond their range.
-    ///
-    /// ```
-    /// use luxel_core::Image;
-    /// use luxel_io::ExrSample;
-    ///
-    /// assert_eq!(ExrSample::smallest_for(&Image::filled(1, 1, [65504.0; 3])), ExrSample::Half);
-    /// assert_eq!(ExrSample::smallest_for(&Image::filled(1, 1, [1e5; 3])), ExrSample::Float);
-    /// ```
-    pub fn smallest_for(image: &Image) -> Self {
-        if out_of_range(image, Self::Half) > 0 { Self::Float } else { Self::Half }
-    }
-}
-
-/// How to write an OpenEXR file.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct ExrOptions {
-    /// Precision.
-    pub sample: ExrSample,
-    /// Space of the pixels; its chromaticities are written, and its name as `colorInteropID`.
-    pub color_space: ColorSpace,
-    /// Further string attributes: name and value.
-    pub attributes: Vec<(String, String)>,
-    /// Further attributes that are numbers: name and value.
-    pub numbers: Vec<(String, f32)>,
-    /// Camera of the image: `worldToCamera` (axes right, up, back), the lens in `luxel:focal_px`
-    /// and `luxel:center_px`, `worldToNDC` and the screen window if it is a pinhole, else
-    /// `luxel:projection`.
-    pub camera: Option<Camera>,
-    /// Frame rate of a sequence that the image is part of: `framesPerSecond`.
-    pub frames_per_second: Option<u32>,
-    /// Projection of an image that is a map of directions.
-    pub environment: Option<Projection>,
-    /// Channel A, `[H*W]`: linear opacity; colours should be premultiplied by it.
-    pub alpha: Option<Vec<f32>>,
-    /// Channel Z, `[H*W]`, always of 32 bits: distance along the viewing axis, world units.
-    pub depth: Option<Vec<f32>>,
-    /// Channels N.X, N.Y, N.Z, `[H*W]`, always of 32 bits: unit normals of the world.
-    pub normals: Option<Vec<[f32; 3]>>,
-}
-
-/// Largest finite number of [`ExrSample::Half`].
-pub const HALF_MAX: f32 = 65504.0;
-
 /// Writes R, G, B (and A, Z and N if there are any) with ZIP compression in blocks of 16 lines.
-/// Returns how many values were above the range of [`ExrSample::Half`] and are written as its
-/// largest number.
+/// Returns how many values were above the range of [`ExrSample::Half`](crate::ExrSample::Half) and
+/// are written as its largest number.
 ///
 /// ```
 /// use luxel_core::Image;
@@ -115,23 +62,7 @@ pub fn encode_exr(name: &Path, image: &Image, options: &ExrOptions) -> Result<Ve
         return Err(IoError::invalid(name, format!("{found} values of opacity, depth or normals for {count} pixels")));
     }
     let encoding = Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
-    let samples = |values: &mut dyn Iterator<Item = f32>| match options.sample {
-        ExrSample::Half => FlatSamples::F16(values.map(to_half).collect()),
-        ExrSample::Float => FlatSamples::F32(values.collect()),
-    };
-    let color = |c: usize| samples(&mut image.pixels.iter().map(|pixel| pixel[c]));
-    let mut channels: SmallVec<[_; 4]> = [("R", 0), ("G", 1), ("B", 2)].into_iter().map(|(n, c)| AnyChannel::new(n, color(c))).collect();
-    if let Some(alpha) = &options.alpha {
-        channels.push(AnyChannel::new("A", samples(&mut alpha.iter().copied())));
-    }
-    if let Some(depth) = &options.depth {
-        channels.push(AnyChannel::new("Z", FlatSamples::F32(depth.clone())));
-    }
-    if let Some(normals) = &options.normals {
-        let axis = |c: usize| FlatSamples::F32(normals.iter().map(|normal| normal[c]).collect());
-        channels.extend([("N.X", 0), ("N.Y", 1), ("N.Z", 2)].map(|(name, c)| AnyChannel::new(name, axis(c))));
-    }
-    let layer = Layer::new((width, height), attributes(name, options)?, encoding, AnyChannels::sort(channels));
+    let layer = Layer::new((width, height), attributes(name, options)?, encoding, ImageChannels::new(image, options));
     let mut file = ExrImage::from_layer(layer);
     let [red, green, blue, white] = options.color_space.chromaticities().map(|[x, y]| Vec2(x, y));
     file.attributes.chromaticities = Some(Chromaticities { red, green, blue, white });
@@ -145,13 +76,6 @@ pub fn encode_exr(name: &Path, image: &Image, options: &ExrOptions) -> Result<Ve
     let mut bytes = out.into_inner();
     sort_attributes(&mut bytes);
     Ok(bytes)
-}
-
-fn out_of_range(image: &Image, sample: ExrSample) -> usize {
-    match sample {
-        ExrSample::Half => image.pixels.as_flattened().iter().filter(|value| value.abs() > HALF_MAX).count(),
-        ExrSample::Float => 0,
-    }
 }
 
 /// Returns everything but the pixels.
@@ -229,12 +153,6 @@ impl ScreenWindow {
 
 /// Pixels from which on compression is worth a pool of threads.
 const PARALLEL_PIXELS: usize = 1 << 20;
-
-/// Returns the nearest half; values out of range become the largest one, so that no infinity
-/// comes about.
-pub(super) fn to_half(value: f32) -> f16 {
-    f16::from_f32(if value.is_nan() { value } else { value.clamp(-HALF_MAX, HALF_MAX) })
-}
 
 /// Returns a JPEG of `width * height` sRGB pixels, row-major, of a quality from 1 to 100.
 ///

@@ -170,7 +170,7 @@ pub fn decode_photo_layer(name: &Path, bytes: &[u8], layer: Option<&str>) -> Res
     let flat = decoded.image.pixels.as_flattened();
     let codes = match decoded.depth {
         SampleDepth::Float => return Ok(Photo::Radiance(decoded)),
-        SampleDepth::Integer8 => Codes::U8(flat.iter().map(|v| (v * 255.0 + 0.5) as u8).collect()),
+        SampleDepth::Integer8 | SampleDepth::FewBits(_) => Codes::U8(flat.iter().map(|v| (v * 255.0 + 0.5) as u8).collect()),
         SampleDepth::Integer16 => Codes::U16(flat.iter().map(|v| (v * 65535.0 + 0.5) as u16).collect()),
     };
     Ok(Photo::Developed { width: decoded.image.width, height: decoded.image.height, codes })

@@ -11,13 +11,14 @@
 
 use std::io::BufRead;
 
-use luxel_core::{Antialias, ColorModel, SH_OFFSET, Scene, Splats, logit, sh};
+use luxel_core::{ColorModel, SH_OFFSET, Splats, logit, sh};
 
 use crate::IoError;
+use crate::local_frame::settled;
 use crate::ply::header::{Element, Header};
 use crate::ply::rows::{Whole, check_count, read_rows, read_whole_rows};
 use crate::ply::source::PlySource;
-use crate::scene_file::display_scene;
+use crate::scene_file::{SceneFile, display_scene};
 
 /// Splats of a chunk.
 const CHUNK: usize = 256;
@@ -46,7 +47,7 @@ pub(super) fn is_compressed(header: &Header) -> bool {
 }
 
 /// Reads the rows behind `header`.
-pub(super) fn read<R: BufRead>(source: &mut PlySource<'_, R>, header: &Header) -> Result<Scene, IoError> {
+pub(super) fn read<R: BufRead>(source: &mut PlySource<'_, R>, header: &Header) -> Result<SceneFile, IoError> {
     let mut bounds: Option<Vec<Bounds>> = None;
     let mut splats: Option<Splats> = None;
     for element in &header.elements {
@@ -67,9 +68,10 @@ pub(super) fn read<R: BufRead>(source: &mut PlySource<'_, R>, header: &Header) -
             other => return Err(source.invalid("header", format_args!("element {other:?} comes before the splats, expected \"chunk\""))),
         }
     }
-    let splats = splats.ok_or_else(|| source.invalid("header", "no element \"vertex\""))?;
-    let antialias = if header.is_antialiased() { Antialias::Mip } else { Antialias::Off };
-    Ok(display_scene(splats, antialias))
+    let mut splats = splats.ok_or_else(|| source.invalid("header", "no element \"vertex\""))?;
+    let model = header.splat_model();
+    let warnings = Vec::from_iter(model.flatten(&mut splats));
+    Ok(SceneFile { scene: settled(display_scene(splats, model.antialias()), None), warnings })
 }
 
 /// The bounds of a chunk: lower and upper, for position, log scale and colour.

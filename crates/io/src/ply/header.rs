@@ -4,6 +4,7 @@ use std::io::BufRead;
 
 use crate::IoError;
 use crate::ply::source::PlySource;
+use crate::splat_model::SplatModel;
 
 /// Longest header that is believed to be one, bytes.
 const MAX_HEADER: u64 = 1 << 20;
@@ -107,15 +108,23 @@ pub(super) struct Header {
     pub(super) elements: Vec<Element>,
 }
 
-/// Comments of programs whose splats were trained with anti-aliasing, in lower case: Brush and
-/// Postshot.
-const ANTIALIASED: [&str; 2] = ["splatrendermode: mip", "antialiased 1"];
+/// Returns the model that a comment of Brush (`SplatRenderMode: mip`) or Postshot (`antialiased 1`)
+/// states, in any case.
+fn stated_model(comment: &str) -> Option<SplatModel> {
+    let comment = comment.to_ascii_lowercase();
+    let words: Vec<&str> = comment.split_whitespace().collect();
+    match words[..] {
+        ["splatrendermode:", name] => Some(SplatModel::from_name(name)),
+        ["antialiased", "1"] => Some(SplatModel::Antialiased),
+        ["antialiased", "0"] => Some(SplatModel::Plain),
+        _ => None,
+    }
+}
 
 impl Header {
-    /// Returns whether a comment says that the splats were trained with anti-aliasing.
-    pub(super) fn is_antialiased(&self) -> bool {
-        let words = |comment: &String| comment.to_ascii_lowercase().split_whitespace().collect::<Vec<_>>().join(" ");
-        self.comments.iter().map(words).any(|comment| ANTIALIASED.contains(&comment.as_str()))
+    /// Returns the model of the splats as the last comment about it states it.
+    pub(super) fn splat_model(&self) -> SplatModel {
+        self.comments.iter().rev().find_map(|comment| stated_model(comment)).unwrap_or_default()
     }
 
     /// Reads up to and including `end_header`.

@@ -15,6 +15,7 @@ use crate::ply::scene_writer::{EXACT_OPACITY, EXACT_SCALE, FRAME_COMMENT, GAIN, 
 use crate::ply::source::PlySource;
 use crate::ply::{COMMENT_TAG, FORMAT_VERSION, GAIN_VERSION, compressed, record};
 use crate::scene_file::{SceneFile, display_scene};
+use crate::splat_model::{FLAT, SplatModel, log_thickness};
 use crate::validity::{LeftOut, is_length, is_normalizable, is_usable};
 
 /// Reads a scene.
@@ -48,7 +49,7 @@ struct SceneColumns {
     /// In the order of `Splats::sh`, [K,3].
     sh: Vec<String>,
     raw_luminance: Vec<String>,
-    /// Whether the splats are flat: the last of `log_scale` is not in the file.
+    /// Whether the splats are flat: the last of `log_scale` is not in the file, or means nothing.
     is_flat: bool,
     /// White of `sh` that are red, green and blue in place of harmonics.
     rgb_white: Option<f32>,
@@ -56,17 +57,16 @@ struct SceneColumns {
 
 const RGB: [&str; 3] = ["red", "green", "blue"];
 const STANDARD_SCALE: [&str; 3] = ["scale_0", "scale_1", "scale_2"];
-/// Columns of 2DGS, whose splats have two axes; the third is replaced by [`FLATNESS`].
+/// Columns of 2DGS, whose splats have two axes; the third is replaced by their thickness.
 const FLAT_SCALE: [&str; 3] = ["scale_0", "scale_1", "scale_1"];
-/// Thickness of a flat splat as a fraction of the smaller of its two axes, at any size of scene.
-const FLATNESS: f32 = 1e-3;
 
 fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<SceneFile, IoError> {
     let header = Header::read(&mut source)?;
     if compressed::is_compressed(&header) {
-        let scene = settled(compressed::read(&mut source, &header)?, None);
+        let mut file = compressed::read(&mut source, &header)?;
         let last = header.elements.last().map_or("", |element| element.name.as_str());
-        return Ok(SceneFile { scene, warnings: Vec::from_iter(beyond_line(&source, &header, last)) });
+        file.warnings.extend(beyond_line(&source, &header, last));
+        return Ok(file);
     }
     let element = seek_element(&mut source, &header, "vertex")?;
     let comments = Comments::new(&header);
@@ -80,7 +80,7 @@ fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<SceneFile, IoError
     let left_out = read_splats(&mut source, &header, element, &layout, &mut scene.splats, &mut exact_positions)?;
     let mut warnings = left_out.lines(element.count);
     if layout.is_flat {
-        warnings.push(format!("no property \"scale_2\": flat splats of 2DGS, read as {FLATNESS} times as thick as wide"));
+        warnings.push(FLAT.to_owned());
     }
     warnings.extend(beyond_line(&source, &header, "vertex"));
     if let Some(record) = record {
@@ -92,6 +92,7 @@ fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<SceneFile, IoError
         place(&mut scene, &Similarity::IDENTITY, world.as_ref(), origin).map_err(|e| IoError::invalid(source.path, e))?;
         return Ok(SceneFile { scene, warnings });
     }
+    warnings.extend(unusual_numbers(&scene.splats));
     Ok(SceneFile { scene: settled(scene, Some(&exact_positions).filter(|p| !p.is_empty()).map(Vec::as_slice)), warnings })
 }
 
@@ -139,7 +140,7 @@ fn read_splats<R: BufRead>(
             exact_positions.push(position);
         }
         splats.rotation.push(rotation);
-        splats.log_scale.push([s0, s1, if layout.is_flat { s0.min(s1) + FLATNESS.ln() } else { s2 }]);
+        splats.log_scale.push([s0, s1, if layout.is_flat { log_thickness(s0, s1) } else { s2 }]);
         splats.opacity_logit.push(opacity);
         let (harmonics, rest) = colors.split_at(sh_len);
         match layout.rgb_white {
@@ -187,9 +188,11 @@ fn plain<R: BufRead>(source: &PlySource<'_, R>, header: &Header, element: &Eleme
     // Channel-major in the file, coefficient-major here.
     let others = (0..higher).flat_map(|m| (0..3).map(move |c| format!("f_rest_{}", c * higher + m)));
     let smoothing = element.position("filter_3D").map(|_| "filter_3D");
-    let antialias = if smoothing.is_some() || header.is_antialiased() { Antialias::Mip } else { Antialias::Off };
+    let model = header.splat_model();
+    let antialias = if smoothing.is_some() { Antialias::Mip } else { model.antialias() };
     let scene = display_scene(Splats::empty(ColorModel::Sh { degree: degree as u8 }), antialias);
-    let is_flat = has("scale_0") && has("scale_1") && !has("scale_2");
+    // Without a third axis, or with one that means nothing.
+    let is_flat = has("scale_0") && has("scale_1") && (!has("scale_2") || model == SplatModel::Flat);
     let layout = SceneColumns {
         log_scale: if is_flat { FLAT_SCALE } else { STANDARD_SCALE },
         is_flat,
@@ -201,6 +204,21 @@ fn plain<R: BufRead>(source: &PlySource<'_, R>, header: &Header, element: &Eleme
         raw_luminance: Vec::new(),
     };
     Ok((scene, layout))
+}
+
+/// Least number of splats whose numbers tell a convention.
+const TELLING: usize = 100;
+
+/// Warns of sizes and opacities that are probably not the logarithms and logits that they are read
+/// as: no size is below 0, and every opacity is from 0 to 1.
+fn unusual_numbers(splats: &Splats) -> Option<String> {
+    let is_length = splats.log_scale.as_flattened().iter().all(|s| *s >= 0.0);
+    let is_opacity = splats.opacity_logit.iter().all(|o| (0.0..=1.0).contains(o));
+    (splats.len() >= TELLING && is_length && is_opacity).then(|| {
+        "all of \"scale_0..2\" are 0 or more and all of \"opacity\" are 0 to 1, read as logarithms of lengths and logits: if they are lengths \
+         and opacities, write their logarithms and logits"
+            .to_owned()
+    })
 }
 
 /// Explains what is wrong with the comments.

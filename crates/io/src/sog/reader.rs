@@ -4,7 +4,7 @@ use std::io::Cursor;
 use std::path::Path;
 
 use image_webp::WebPDecoder;
-use luxel_core::{Antialias, ColorModel, Scene, Splats, logit, sh};
+use luxel_core::{ColorModel, Scene, Splats, logit, sh};
 use serde::Deserialize;
 
 use super::codebook::ENTRIES;
@@ -16,6 +16,7 @@ use crate::local_frame::settled;
 use crate::memory::check_memory;
 use crate::read_file::read_file;
 use crate::scene_file::{SceneFile, display_scene};
+use crate::splat_model::SplatModel;
 
 /// Name of the description in the archive.
 const META: &str = "meta.json";
@@ -29,6 +30,9 @@ struct Meta {
     count: Option<usize>,
     #[serde(default)]
     antialias: bool,
+    /// The same for versions of splat-transform from 3.7 on, and other models.
+    #[serde(default)]
+    model: Option<String>,
     means: Option<Means>,
     scales: Option<Coded>,
     quats: Option<Plain>,
@@ -115,10 +119,13 @@ pub(crate) fn decode(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
             splats.color_model = ColorModel::Sh { degree: harmonics.bands as u8 };
         }
     }
+    let model = match &meta.model {
+        None if meta.antialias => SplatModel::Antialiased,
+        name => name.as_deref().map(SplatModel::from_name).unwrap_or_default(),
+    };
+    let warnings = Vec::from_iter(model.flatten(&mut splats));
     splats.validate().map_err(|e| invalid(e.to_string()))?;
-    let antialias = if meta.antialias { Antialias::Mip } else { Antialias::Off };
-    let scene = display_scene(splats, antialias);
-    Ok(settled(scene, None).into())
+    Ok(SceneFile { scene: settled(display_scene(splats, model.antialias()), None), warnings })
 }
 
 /// The files of a scene.

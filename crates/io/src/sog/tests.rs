@@ -1,7 +1,7 @@
 use std::path::Path;
 
 use image_webp::WebPDecoder;
-use luxel_core::{RadianceScale, RasterConfig, Scene, Similarity, sigmoid, synthetic};
+use luxel_core::{Antialias, RadianceScale, RasterConfig, Scene, Similarity, sigmoid, synthetic};
 
 use super::codebook::Codebook;
 use super::palette::Palette;
@@ -166,4 +166,28 @@ fn a_palette_has_the_rows_that_there_are() {
     let worst =
         rows.chunks(3).zip(&palette.labels).map(|(row, label)| (palette.rows[usize::from(*label) * 3] - row[0]).abs()).fold(0.0, f32::max);
     assert!(worst < 0.5, "{worst}");
+}
+
+#[test]
+fn the_model_of_the_splats_is_read_by_both_of_its_names() {
+    let found = files(&encode_sog(Path::new("a.sog"), &baked(40, 0)).unwrap());
+    let with = |more: &str| {
+        let pack = |(name, bytes): &(String, Vec<u8>)| {
+            let bytes = match name.as_str() {
+                "meta.json" => String::from_utf8(bytes.clone()).unwrap().replacen('{', &format!("{{{more},"), 1).into_bytes(),
+                _ => bytes.clone(),
+            };
+            archive::File { name: name.clone().leak(), bytes }
+        };
+        decode(Path::new("a.sog"), &archive::archive(&found.iter().map(pack).collect::<Vec<_>>()).unwrap()).unwrap()
+    };
+    for (stated, expected) in
+        [("\"antialias\":true", Antialias::Mip), ("\"model\":\"antialiased\"", Antialias::Mip), ("\"model\":\"default\"", Antialias::Off)]
+    {
+        let file = with(stated);
+        assert_eq!((file.scene.raster.antialias, file.warnings.len()), (expected, 0), "{stated}");
+    }
+    let flat = with("\"model\":\"2dgs\"");
+    assert!(flat.warnings[0].contains("flat splats of 2DGS"), "{:?}", flat.warnings);
+    assert!(flat.scene.splats.log_scale.iter().all(|[a, b, c]| (c - a.min(*b) + 1000f32.ln()).abs() < 1e-5));
 }

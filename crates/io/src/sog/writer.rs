@@ -164,6 +164,8 @@ fn pictures(splats: &Splats, is_antialiased: bool, size_px: [usize; 2]) -> (Vec<
     });
     if is_antialiased {
         meta["antialias"] = true.into();
+        // The name of the same from version 3.7 of splat-transform on.
+        meta["model"] = "antialiased".into();
     }
     let bands = splats.color_model.sh_degree();
     if bands > 0 {

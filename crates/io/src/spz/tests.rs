@@ -215,8 +215,10 @@ fn stated_axes_are_heeded_and_unstated_ones_are_warned_of() {
         std::fs::write(&path, bytes).unwrap();
         crate::read_scene_file(&path).unwrap()
     };
+    for version in VERSIONS {
+        assert_eq!(read(&encode_spz(name(), &baked(3), version).unwrap()).warnings, [""; 0], "{version:?}");
+    }
     let own = read(&bytes);
-    assert_eq!(own.warnings, [""; 0]);
     let unstated = read(&with_axes(&bytes, None));
     assert_eq!(unstated.scene, own.scene);
     assert!(unstated.warnings[0].contains("does not state its axes"), "{:?}", unstated.warnings);

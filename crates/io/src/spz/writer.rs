@@ -182,9 +182,7 @@ impl Head {
         // Bakes are of an ordinary renderer, but for colours that another program's anti-aliasing
         // made.
         let antialiased = if self.is_antialiased { FLAG_ANTIALIASED } else { 0 };
-        // Only the last version has streams, and a place in front of them.
-        let extensions = if streams > 0 { FLAG_EXTENSIONS } else { 0 };
-        bytes[12..].copy_from_slice(&[self.degree, self.bits, antialiased | extensions, streams]);
+        bytes[12..].copy_from_slice(&[self.degree, self.bits, antialiased | FLAG_EXTENSIONS, streams]);
         bytes
     }
 }
@@ -224,7 +222,14 @@ fn gzip(head: &Head, blocks: &[Vec<u8>]) -> std::io::Result<Vec<u8>> {
     for block in blocks {
         encoder.write_all(block)?;
     }
+    encoder.write_all(&axes_record())?;
     encoder.finish()
+}
+
+/// Returns the extension that states the axes. They are those of the convention, which not every
+/// program keeps to.
+fn axes_record() -> Vec<u8> {
+    [AXES_EXTENSION, 4, RIGHT_UP_BACK].map(u32::to_le_bytes).concat()
 }
 
 fn zstd(head: &Head, blocks: &[Vec<u8>]) -> std::io::Result<Vec<u8>> {
@@ -233,8 +238,7 @@ fn zstd(head: &Head, blocks: &[Vec<u8>]) -> std::io::Result<Vec<u8>> {
     let mut out = Vec::new();
     // At most six streams.
     out.extend(head.bytes(streams.len() as u8));
-    // The axes are those of the convention, which not every program keeps to.
-    let extension = [AXES_EXTENSION, 4, RIGHT_UP_BACK].map(u32::to_le_bytes).concat();
+    let extension = axes_record();
     out.extend(((HEADER + extension.len()) as u32).to_le_bytes());
     out.resize(HEADER, 0);
     out.extend(extension);

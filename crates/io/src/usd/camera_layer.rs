@@ -75,16 +75,14 @@ pub fn decode_stage_cameras(name: &Path, bytes: &[u8], choice: StageChoice<'_>) 
         let wrong = |message: String| invalid(format!("camera {}: {message}", camera.path));
         let times = camera.times();
         if times.len() < 2 {
-            let found = placed(camera, times.first().copied(), choice.size_px).map_err(wrong)?;
-            cameras.push(PathCamera { name: stem, camera: found });
+            cameras.push(placed(stem, camera, times.first().copied(), choice.size_px).map_err(wrong)?);
             continue;
         }
         for time in shot(&times, layer.range).map_err(wrong)? {
             let wrong = |message: String| invalid(format!("camera {} at time {time}: {message}", camera.path));
-            let found = placed(camera, Some(time), choice.size_px).map_err(wrong)?;
             // Whole time codes have four digits, as frames of plates do.
             let number = if time.fract() == 0.0 { format!("{time:04}") } else { format!("{time}").replace('.', "_") };
-            cameras.push(PathCamera { name: format!("{stem}.{number}"), camera: found });
+            cameras.push(placed(format!("{stem}.{number}"), camera, Some(time), choice.size_px).map_err(wrong)?);
         }
     }
     Ok(StageCameras { cameras, metres_per_unit: layer.states_unit.then_some(layer.meters_per_unit), is_z_up })
@@ -129,8 +127,8 @@ fn shot(samples: &[f64], stated: [Option<f64>; 2]) -> Result<Vec<f64>, String> {
 }
 
 /// Returns the camera at a time.
-fn placed(camera: &UsdCamera, time: Option<f64>, given: Option<[u32; 2]>) -> Result<Camera, String> {
-    let PlacedCamera { axes, eye, focal, shift, aspect, vertical, size_px } = camera.at(time)?;
+fn placed(name: String, camera: &UsdCamera, time: Option<f64>, given: Option<[u32; 2]>) -> Result<PathCamera, String> {
+    let PlacedCamera { axes, eye, focal, shift, aspect, vertical, size_px, focus_distance } = camera.at(time)?;
     let camera_from_world: DAffine3 = rigid(from_opengl(axes), eye)?;
     let side = |side: f64| (side.fract() == 0.0 && (1.0..=f64::from(MAX_SIDE_PX)).contains(&side)).then_some(side as u32);
     let stated = match size_px {
@@ -168,7 +166,7 @@ fn placed(camera: &UsdCamera, time: Option<f64>, given: Option<[u32; 2]>) -> Res
     let projection = CameraProjection::Pinhole;
     let camera = Camera { camera_from_world, focal_px, center_px, size_px, distortion: Distortion::default(), projection };
     camera.validate().map_err(|error| error.to_string())?;
-    Ok(camera)
+    Ok(PathCamera { name, camera, focus_distance })
 }
 
 /// The prims that cameras are written as.
@@ -212,11 +210,11 @@ pub fn stage_cameras_text(name: &Path, cameras: &StageCameras, motion: StageMoti
             let mut names: Vec<String> = Vec::new();
             for named in &cameras.cameras {
                 let name = prim_name(&named.name, &names);
-                prim(&mut text, &name, &[&named.camera], false);
+                prim(&mut text, &name, std::slice::from_ref(named), false);
                 names.push(name);
             }
         }
-        StageMotion::Moving { .. } => prim(&mut text, "shot", &cameras.cameras.iter().map(|named| &named.camera).collect::<Vec<_>>(), true),
+        StageMotion::Moving { .. } => prim(&mut text, "shot", &cameras.cameras, true),
     }
     text.push_str("}\n");
     Ok(text)
@@ -265,22 +263,11 @@ impl Lens {
 }
 
 /// Appends a camera, at the time codes 0, 1, 2 and so on if it moves.
-fn prim(text: &mut String, name: &str, cameras: &[&Camera], moves: bool) {
+fn prim(text: &mut String, name: &str, cameras: &[PathCamera], moves: bool) {
     let _ = writeln!(text, "    def Camera \"{name}\"\n    {{");
     let mut property = |kind: &str, name: &str, value: &dyn Fn(&Camera) -> String| {
-        let values: Vec<String> = cameras.iter().map(|camera| value(camera)).collect();
-        match values.first() {
-            Some(first) if !moves || values.iter().all(|value| value == first) && !name.starts_with("xformOp") => {
-                let _ = writeln!(text, "        {kind} {name} = {first}");
-            }
-            _ => {
-                let _ = writeln!(text, "        {kind} {name}.timeSamples = {{");
-                for (time, value) in values.iter().enumerate() {
-                    let _ = writeln!(text, "            {time}: {value},");
-                }
-                text.push_str("        }\n");
-            }
-        }
+        let values: Vec<String> = cameras.iter().map(|named| value(&named.camera)).collect();
+        write_property(&mut *text, kind, name, &values, moves);
     };
     property("float2", "clippingRange", &|_| "(0.01, 1000000)".to_owned());
     property("float", "focalLength", &|camera| Lens::of(camera).focal_length.to_string());
@@ -296,5 +283,25 @@ fn prim(text: &mut String, name: &str, cameras: &[&Camera], moves: bool) {
         let row = |v: glam::DVec3, w: u8| format!("({}, {}, {}, {w})", v.x, v.y, v.z);
         format!("( {}, {}, {}, {} )", row(axes.x_axis, 0), row(axes.y_axis, 0), row(axes.z_axis, 0), row(eye, 1))
     });
+    if let Some(distances) = cameras.iter().map(|named| named.focus_distance).collect::<Option<Vec<f64>>>() {
+        let distances: Vec<String> = distances.iter().map(|distance| (*distance as f32).to_string()).collect();
+        write_property(text, "float", "focusDistance", &distances, moves);
+    }
     text.push_str("        uniform token[] xformOpOrder = [\"xformOp:transform\"]\n    }\n\n");
+}
+
+/// Appends a property, with a sample for each camera if it moves.
+fn write_property(text: &mut String, kind: &str, name: &str, values: &[String], moves: bool) {
+    match values.first() {
+        Some(first) if !moves || values.iter().all(|value| value == first) && !name.starts_with("xformOp") => {
+            let _ = writeln!(text, "        {kind} {name} = {first}");
+        }
+        _ => {
+            let _ = writeln!(text, "        {kind} {name}.timeSamples = {{");
+            for (time, value) in values.iter().enumerate() {
+                let _ = writeln!(text, "            {time}: {value},");
+            }
+            text.push_str("        }\n");
+        }
+    }
 }

@@ -37,8 +37,9 @@ const METERS_PER_UNIT: f64 = 0.01;
 /// Beginning of the names of operations of a transform.
 pub(super) const OPERATION: &str = "xformOp:";
 /// Properties of cameras that are read.
-pub(super) const PROPERTIES: [&str; 7] = [
+pub(super) const PROPERTIES: [&str; 8] = [
     "focalLength",
+    "focusDistance",
     "horizontalAperture",
     "verticalAperture",
     "horizontalApertureOffset",
@@ -123,6 +124,8 @@ pub(crate) struct PlacedCamera {
     pub(crate) vertical: Option<VerticalLens>,
     /// Size of the image, where the file states it: Luxel's own attributes.
     pub(crate) size_px: Option<[f64; 2]>,
+    /// Distance in focus; 0, the schema's fallback, states none.
+    pub(crate) focus_distance: Option<f64>,
 }
 
 /// A lens as shares of the image's height.
@@ -184,6 +187,7 @@ impl UsdCamera {
             vertical: stated("verticalAperture")
                 .filter(|down| *down > 0.0 && (focal / down).is_normal())
                 .map(|down| VerticalLens { focal: focal / down, shift: offset[1] / down }),
+            focus_distance: stated("focusDistance").filter(|distance| *distance > 0.0 && distance.is_finite()),
             size_px: stated("luxel:width").zip(stated("luxel:height")).map(|(width, height)| [width, height]),
         })
     }

@@ -4,6 +4,7 @@ use glam::DMat4;
 use luxel_core::{ColorModel, ColorSpace, SH_OFFSET, Splats, logit, sh};
 
 use super::cameras::Transform;
+use super::{GAIN, TRAINED};
 use crate::validity::{LeftOut, is_normalizable};
 
 /// Attribute of the harmonics.
@@ -11,9 +12,19 @@ const RADIANCE: &str = "radiance:sphericalHarmonicsCoefficients";
 /// Attribute of colours as points have them.
 const DISPLAY_COLOR: &str = "primvars:displayColor";
 
+/// Returns a splat's harmonics `[K,3]` of its radiance times a gain, as files hold them for
+/// programs that know no gains.
+pub(super) fn with_gain(trained: &[f32], gain: f32) -> Vec<f32> {
+    let mut harmonics = trained.to_vec();
+    // The degree does not matter to a factor.
+    ColorModel::Sh { degree: 0 }.scale_radiance(&mut harmonics, &mut [], gain);
+    harmonics.iter_mut().for_each(|value| *value = value.clamp(f32::MIN, f32::MAX));
+    harmonics
+}
+
 /// Removes the rows in which a number of any of the arrays is not finite, or which have no
 /// rotation; returns how many. An error if no row is left.
-fn leave_out_unusable_rows(arrays: [&mut Vec<f32>; 5], widths: [usize; 5], count: usize) -> Result<LeftOut, String> {
+fn leave_out_unusable_rows(arrays: [&mut Vec<f32>; 7], widths: [usize; 7], count: usize) -> Result<LeftOut, String> {
     let mut is_finite = vec![true; count];
     for (array, width) in arrays.iter().zip(widths) {
         for (row, finite) in array.chunks_exact(width.max(1)).zip(&mut is_finite) {
@@ -74,6 +85,10 @@ pub(super) struct Field {
     pub(super) color_space: ColorSpace,
     /// Colours of the points, for splats without radiance.
     pub(super) display_color: Vec<f32>,
+    /// Gains of edits.
+    pub(super) gain: Vec<f32>,
+    /// Harmonics before the gains.
+    pub(super) trained: Vec<f32>,
     /// Transforms of the prims around it and its own, the outermost first.
     pub(super) transforms: Vec<Transform>,
 }
@@ -90,6 +105,8 @@ impl Default for Field {
             degree: 3,
             color_space: ColorSpace::LinearRec709,
             display_color: Vec::new(),
+            gain: Vec::new(),
+            trained: Vec::new(),
             transforms: Vec::new(),
         }
     }
@@ -97,7 +114,7 @@ impl Default for Field {
 
 /// Returns whether a property of the field's prim is read.
 pub(super) fn is_read(name: &str) -> bool {
-    let arrays = ["positions", "orientations", "scales", "opacities", RADIANCE];
+    let arrays = ["positions", "orientations", "scales", "opacities", RADIANCE, GAIN, TRAINED];
     arrays.contains(&name.strip_suffix('h').unwrap_or(name))
 }
 
@@ -111,6 +128,8 @@ impl Field {
             "opacities" | "opacitiesh" => &mut self.opacities,
             RADIANCE | "radiance:sphericalHarmonicsCoefficientsh" => &mut self.coefficients,
             DISPLAY_COLOR => &mut self.display_color,
+            GAIN => &mut self.gain,
+            TRAINED => &mut self.trained,
             _ => return None,
         })
     }
@@ -156,8 +175,10 @@ impl Field {
         fit(&mut self.opacities, "opacities", &[1.0], count, warnings)?;
         // Coefficients of 0 are grey: radiance of 0.5.
         fit(&mut self.coefficients, RADIANCE, &vec![0.0; k], count, warnings)?;
-        let widths = [3, 4, 3, 1, k];
-        let arrays = [&mut self.positions, &mut self.orientations, &mut self.scales, &mut self.opacities, &mut self.coefficients];
+        self.drop_unfit_gains(count, warnings);
+        let widths = [3, 4, 3, 1, k, 1, k];
+        let Self { positions, orientations, scales, opacities, coefficients, gain, trained, .. } = &mut self;
+        let arrays = [positions, orientations, scales, opacities, coefficients, gain, trained];
         if count > 0 {
             warnings.extend(leave_out_unusable_rows(arrays, widths, count)?.lines(count as u64));
         }
@@ -169,6 +190,7 @@ impl Field {
                 format!("scale of splat {} is {}, expected 0 or more; write lengths, not their logarithms", i / 3, self.scales[i]);
             return Err(message);
         }
+        self.take_gains(k, warnings)?;
         let (rotation, _) = self.orientations.as_chunks::<4>();
         Ok(Splats {
             color_model: ColorModel::Sh { degree: self.degree as u8 },
@@ -179,7 +201,48 @@ impl Field {
             sh: self.coefficients,
             raw_luminance: Vec::new(),
             smoothing: Vec::new(),
-            gain: Vec::new(),
+            gain: self.gain,
         })
+    }
+
+    /// Removes gains that do not fit the splats, with a warning.
+    fn drop_unfit_gains(&mut self, count: usize, warnings: &mut Vec<String>) {
+        let (found, expected) = ([self.gain.len(), self.trained.len()], [count, self.coefficients.len()]);
+        if found == expected || found == [0, 0] {
+            return;
+        }
+        let [gains, harmonics] = found;
+        warnings.push(format!(
+            "{GAIN:?} and {TRAINED:?} have {gains} and {harmonics} numbers, expected {count} and {} for {count} splats: ignored; cut-offs \
+             follow the edited light",
+            self.coefficients.len()
+        ));
+        (self.gain, self.trained) = (Vec::new(), Vec::new());
+    }
+
+    /// Puts the harmonics before the gains of edits in the place of the radiance that they make,
+    /// `k` numbers a splat. A splat whose radiance is another keeps that: another program has
+    /// changed it.
+    fn take_gains(&mut self, k: usize, warnings: &mut Vec<String>) -> Result<(), String> {
+        if let Some(i) = self.gain.iter().position(|gain| *gain < 0.0) {
+            return Err(format!("{GAIN:?} of splat {i} is {}, expected 0 or more", self.gain[i]));
+        }
+        let mut changed = 0u64;
+        let rows = self.coefficients.chunks_exact_mut(k).zip(self.trained.chunks_exact(k));
+        for ((shown, trained), gain) in rows.zip(&mut self.gain) {
+            if shown == with_gain(trained, *gain) {
+                shown.copy_from_slice(trained);
+            } else {
+                *gain = 1.0;
+                changed += 1;
+            }
+        }
+        if changed > 0 {
+            warnings.push(format!(
+                "another program has changed the radiance of {changed} splats since {GAIN:?} was written: theirs is ignored; their cut-offs \
+                 follow the light that the file has"
+            ));
+        }
+        Ok(())
     }
 }

@@ -6,11 +6,14 @@
 //! `float3[] radiance:sphericalHarmonicsCoefficients` (of each splat in turn, 3D Gaussian
 //! splatting's order and offset of 1/2). All floats are written so that they are read back to the
 //! bit. The colour space is in `colorSpace:name` (ColorSpaceAPI), the up axis is Y, and
-//! `customLayerData` has the record that Luxel needs to restore the bake.
+//! `customLayerData` has the record that Luxel needs to restore the bake. Edited scenes have two
+//! attributes of this program beside them: `float[] luxel:gain`, the gains of edits, and `float3[]
+//! luxel:trainedCoefficients`, the harmonics before them, which cut-offs follow.
 //!
 //! Reading: all such prims of a layer, where the transforms of the prims around them and their own
-//! put them; positions and the rest may be their half-float twins (`positionsh`, ...). Nothing is
-//! composed: references and variants are other programs' business (`usdcat --flatten`).
+//! put them, that are active, visible and rendered; positions and the rest may be their half-float
+//! twins (`positionsh`, ...). Nothing is composed: references and variants are other programs'
+//! business (`usdcat --flatten`), which a warning says.
 
 mod binary;
 mod camera_layer;
@@ -18,6 +21,7 @@ mod cameras;
 mod field;
 mod lexer;
 mod reader;
+mod shown;
 mod values;
 mod writer;
 
@@ -40,6 +44,10 @@ const PRIM_TYPE: &str = "ParticleField3DGaussianSplat";
 const TRANSLATE: &str = "xformOp:translate";
 /// Attribute of the order of transforms.
 const ORDER: &str = "xformOpOrder";
+/// Attribute of the gains of edits, one for each splat.
+const GAIN: &str = "luxel:gain";
+/// Attribute of the harmonics before the gains of edits, as many as of the radiance.
+const TRAINED: &str = "luxel:trainedCoefficients";
 
 /// Returns the name of a colour space in OpenUSD (the interoperability forum's).
 fn usd_name(space: ColorSpace) -> &'static str {

@@ -9,6 +9,7 @@ use luxel_core::{Cutoffs, RadianceScale, RasterConfig, Scene, Similarity, sh};
 use super::cameras::{OPERATION, Transform};
 use super::field::{Field, is_read};
 use super::lexer::{Lexer, Token};
+use super::shown::{ARCS, Hidden, INSTANCER, Unshown};
 use super::{ORDER, PRIM_TYPE, binary, color_space_named};
 use crate::IoError;
 use crate::bake::{BakeRecord, RECORD_KEY};
@@ -54,12 +55,12 @@ fn read<R: BufRead>(path: &Path, mut reader: R) -> Result<SceneFile, IoError> {
     if !is_text {
         return Err(IoError::invalid(path, "line 1: expected \"#usda 1.0\": this is not OpenUSD text"));
     }
-    let mut layer = Layer { lexer: Lexer::new(reader, path), record: None, fields: Vec::new() };
+    let mut layer = Layer { lexer: Lexer::new(reader, path), record: None, fields: Vec::new(), unshown: Unshown::default() };
     // The rest of the first line.
     while !matches!(layer.lexer.next()?, Token::NewLine | Token::End) {}
     layer.body(&mut Prim::default(), 0)?;
-    let Layer { record, fields, .. } = layer;
-    scene_of(path, fields, record)
+    let Layer { record, fields, unshown, .. } = layer;
+    scene_of(path, fields, record, &unshown)
 }
 
 /// Reads a binary file or a package with its warnings.
@@ -92,13 +93,13 @@ pub(crate) fn decode_binary_file(name: &Path, bytes: &[u8]) -> Result<SceneFile,
         true => IoError::unsupported(name, error.message),
         false => IoError::invalid(name, error.message),
     })?;
-    scene_of(name, found.fields, found.record)
+    scene_of(name, found.fields, found.record, &found.unshown)
 }
 
 /// Makes a scene of the fields and the record of the bake.
-fn scene_of(path: &Path, fields: Vec<Field>, record: Option<String>) -> Result<SceneFile, IoError> {
+fn scene_of(path: &Path, fields: Vec<Field>, record: Option<String>, unshown: &Unshown) -> Result<SceneFile, IoError> {
     let record = record.map(|json| BakeRecord::parse(&json)).transpose().map_err(|e| IoError::invalid(path, e))?;
-    let (mut warnings, mut parts) = (Vec::new(), Vec::new());
+    let (mut warnings, mut parts) = (unshown.lines(), Vec::new());
     let mut is_as_written = fields.len() == 1;
     for field in fields {
         let matrix = field.matrix().map_err(|e| IoError::invalid(path, e))?;
@@ -124,7 +125,10 @@ fn scene_of(path: &Path, fields: Vec<Field>, record: Option<String>) -> Result<S
         warnings.push("another program has moved the splats: they are where it put them, not where the data set has them".to_owned());
     }
     let joined = settle_together(parts).map_err(|e| IoError::unsupported(path, e))?;
-    let none = || IoError::invalid(path, format_args!("no prim of type {PRIM_TYPE}, expected one; splats of other types are not read"));
+    let none = || {
+        let message = format!("no prim of type {PRIM_TYPE}, expected one; splats of other types are not read");
+        IoError::invalid(path, unshown.lines().into_iter().fold(message, |message, line| message + "; " + &line))
+    };
     let scene = joined.ok_or_else(none)?;
     scene.splats.validate().map_err(|e| IoError::invalid(path, e))?;
     Ok(SceneFile { scene, warnings })
@@ -144,6 +148,7 @@ struct Prim {
     /// The arrays of a particle field.
     field: Option<Field>,
     transform: Transform,
+    hidden: Option<Hidden>,
 }
 
 /// A layer under way of being read.
@@ -151,6 +156,7 @@ struct Layer<'a, R> {
     lexer: Lexer<'a, R>,
     record: Option<String>,
     fields: Vec<Field>,
+    unshown: Unshown,
 }
 
 impl<R: BufRead> Layer<'_, R> {
@@ -184,6 +190,7 @@ impl<R: BufRead> Layer<'_, R> {
                 Token::Mark(b'(' | b'[' | b'{') => depth += 1,
                 Token::Mark(b')' | b']' | b'}') => depth -= 1,
                 Token::Text(text) if previous == [Token::Word(RECORD_KEY.into()), Token::Mark(b'=')] => self.record = Some(text.clone()),
+                Token::Word(word) if word == "subLayers" => self.unshown.compose(),
                 Token::End => return Err(self.lexer.invalid("file ends within the layer's metadata; the file is truncated")),
                 _ => {}
             }
@@ -193,23 +200,54 @@ impl<R: BufRead> Layer<'_, R> {
         Ok(())
     }
 
+    /// Reads the metadata of a prim behind its bracket; returns whether it hides the prim.
+    fn prim_metadata(&mut self) -> Result<Option<Hidden>, IoError> {
+        let (mut depth, mut hidden) = (1usize, None);
+        let mut name = String::new();
+        while depth > 0 {
+            match self.lexer.next_on()? {
+                Token::Mark(b'(' | b'[' | b'{') => depth += 1,
+                Token::Mark(b')' | b']' | b'}') => depth -= 1,
+                Token::Word(value) if depth == 1 && name == "active" => {
+                    hidden = hidden.or((value == "false" || value == "0").then_some(Hidden::Inactive));
+                    name = String::new();
+                }
+                Token::Word(word) if depth == 1 => {
+                    if ARCS.contains(&word.as_str()) {
+                        self.unshown.compose();
+                    }
+                    name = word;
+                }
+                Token::End => return Err(self.lexer.invalid("file ends within a prim's metadata; the file is truncated")),
+                _ => {}
+            }
+            if depth > MAX_PRIMS {
+                return Err(self.lexer.invalid(format_args!("more than {MAX_PRIMS} brackets within one another")));
+            }
+        }
+        Ok(hidden)
+    }
+
     /// Reads a prim behind its `def`.
     fn prim(&mut self, depth: usize, is_class: bool) -> Result<(), IoError> {
         if depth >= MAX_PRIMS {
             return Err(self.lexer.invalid(format_args!("more than {MAX_PRIMS} prims within one another")));
         }
-        let mut kind = None;
+        let (mut kind, mut hidden) = (None, None);
         loop {
             match self.lexer.next_on()? {
                 Token::Word(word) => kind = Some(word),
                 Token::Text(_) => {}
-                Token::Mark(b'(') => self.lexer.skip_brackets()?,
+                Token::Mark(b'(') => hidden = hidden.or(self.prim_metadata()?),
                 Token::Mark(b'{') => break,
                 other => return Err(self.lexer.invalid(format_args!("found {other:?}, expected a prim's type, name, metadata or body"))),
             }
         }
         let is_field = kind.as_deref() == Some(PRIM_TYPE);
-        let mut prim = Prim { field: is_field.then(Field::default), transform: Transform::default() };
+        if kind.as_deref() == Some(INSTANCER) {
+            hidden = Some(Hidden::Prototype);
+        }
+        let mut prim = Prim { field: is_field.then(Field::default), transform: Transform::default(), hidden };
         let first_below = self.fields.len();
         self.body(&mut prim, depth + 1)?;
         self.fields.extend(prim.field);
@@ -218,6 +256,10 @@ impl<R: BufRead> Layer<'_, R> {
             field.transforms.insert(0, prim.transform.clone());
         }
         if is_class {
+            self.fields.truncate(first_below);
+        }
+        if let Some(reason) = prim.hidden {
+            self.unshown.hide(reason, self.fields.len() - first_below);
             self.fields.truncate(first_below);
         }
         if self.fields.len() > MAX_PARTS {
@@ -247,7 +289,14 @@ impl<R: BufRead> Layer<'_, R> {
             }
         }
         let name = words.pop().unwrap_or_default();
+        if matches!(name.as_str(), "visibility" | "purpose") {
+            if let Token::Text(value) = self.lexer.next_on()? {
+                prim.hidden = prim.hidden.or(Hidden::by_attribute(&name, &value));
+            }
+            return Ok(());
+        }
         if words.first().is_some_and(|word| word == "variantSet") {
+            self.unshown.compose();
             return self.lexer.skip_value();
         }
         let (base, is_timed) = name.strip_suffix(".timeSamples").map_or((name.as_str(), false), |base| (base, true));

@@ -1,4 +1,6 @@
 mod camera_layers;
+mod gains;
+mod shown;
 
 use std::path::Path;
 

@@ -1,6 +1,7 @@
 //! A bake to OpenUSD text, in blocks made in parallel: memory does not grow with
 //! the scene.
 
+use std::borrow::Cow;
 use std::io::Write;
 use std::path::Path;
 
@@ -8,7 +9,8 @@ use glam::{DMat3, DQuat, DVec3};
 use luxel_core::{Splats, sigmoid};
 use rayon::prelude::*;
 
-use super::{DISPLAY_SPACE, ORDER, PRIM_TYPE, TRANSLATE, binary, usd_name};
+use super::field::with_gain;
+use super::{DISPLAY_SPACE, GAIN, ORDER, PRIM_TYPE, TRAINED, TRANSLATE, binary, usd_name};
 use crate::bake::{Appearance, BakeRecord, Baked, RECORD_KEY};
 use crate::validity::check_lengths;
 use crate::{IoError, write_atomically};
@@ -20,7 +22,8 @@ const BATCH: usize = 64;
 /// Standard deviations that bounds reach to.
 const EXTENT_SIGMA: f64 = 3.0;
 
-/// Writes a bake, whole or not at all; folders are made as needed.
+/// Writes a bake, whole or not at all; folders are made as needed. A bake with gains is written as
+/// the light that they make, and with what cut-offs follow beside it.
 ///
 /// # Errors
 /// A scene that could not be read back, or the file system's refusal.
@@ -120,6 +123,12 @@ impl<'a> Prim<'a> {
         q.map(|v| v / length)
     }
 
+    /// Returns the harmonics `[K,3]` of splat `i`, with its gain.
+    pub(super) fn harmonics(&self, i: usize) -> Cow<'a, [f32]> {
+        let trained = self.splats.sh_of(i);
+        if self.splats.gain.is_empty() { trained.into() } else { with_gain(trained, self.splats.gain[i]).into() }
+    }
+
     /// Returns the opacity of splat `i`, 0 to 1.
     pub(super) fn opacity(&self, i: usize) -> f32 {
         sigmoid(self.splats.opacity_logit[i])
@@ -156,14 +165,12 @@ fn write<W: Write + ?Sized>(baked: &Baked, out: &mut W) -> std::io::Result<()> {
     writeln!(out, "    uniform token projectionModeHint = \"perspective\"")?;
     writeln!(out, "    uniform token sortingModeHint = \"zDepth\"")?;
     writeln!(out, "    uniform int radiance:sphericalHarmonicsDegree = {}", splats.color_model.sh_degree())?;
-    write_array(out, "float3[] radiance:sphericalHarmonicsCoefficients", splats.len(), |i, text| {
-        for (m, rgb) in splats.sh_of(i).chunks_exact(3).enumerate() {
-            if m > 0 {
-                text.extend_from_slice(b", ");
-            }
-            tuple(text, rgb);
-        }
-    })?;
+    let harmonics = |i: usize, text: &mut Vec<u8>| tuples(text, &prim.harmonics(i));
+    write_array(out, "float3[] radiance:sphericalHarmonicsCoefficients", splats.len(), harmonics)?;
+    if !splats.gain.is_empty() {
+        write_array(out, &format!("custom float[] {GAIN}"), splats.len(), |i, text| number(text, splats.gain[i]))?;
+        write_array(out, &format!("custom float3[] {TRAINED}"), splats.len(), |i, text| tuples(text, splats.sh_of(i)))?;
+    }
     writeln!(out, "}}")
 }
 
@@ -193,6 +200,16 @@ fn write_array<W: Write + ?Sized>(
         }
     }
     writeln!(out, "]")
+}
+
+/// Appends values three by three.
+fn tuples(text: &mut Vec<u8>, values: &[f32]) {
+    for (m, rgb) in values.chunks_exact(3).enumerate() {
+        if m > 0 {
+            text.extend_from_slice(b", ");
+        }
+        tuple(text, rgb);
+    }
 }
 
 fn tuple(text: &mut Vec<u8>, values: &[f32]) {

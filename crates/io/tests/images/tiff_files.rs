@@ -340,6 +340,8 @@ fn grey_of_any_number_of_bits_is_read_in_both_orders_of_bits() {
             // Half a code of 16 bits: what fewer than 8 become.
             let worst = decoded.image.pixels.iter().zip(&samples).map(|(f, e)| (f[0] - e / most as f32).abs()).fold(0.0, f32::max);
             assert!(worst <= 0.51 / 65535.0, "{bits} bits, order {fill_order}: {worst}");
+            assert_eq!((decoded.depth.integer_bits(), decoded.depth.is_low()), (Some(bits as u8), bits <= 8));
+            assert_eq!(decoded.warnings.contains(&format!("{bits} bits: not HDR")), bits <= 8);
         }
     }
 }

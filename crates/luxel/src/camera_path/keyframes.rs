@@ -110,7 +110,7 @@ pub fn keyframe_path(keyframes: &[Keyframe], options: &KeyframeOptions) -> Resul
     let camera = |i: usize| {
         let camera = camera_of(track.at(options.time(i, count)), options.size_px);
         camera.validate().map_err(|error| crate::Error::new(format!("frame {i} of the path: {error}")))?;
-        Ok(PathCamera { name: format!("frame_{i:05}"), camera })
+        Ok(PathCamera::new(format!("frame_{i:05}"), camera))
     };
     (0..count).map(camera).collect()
 }

@@ -45,6 +45,11 @@ impl Format {
         })
     }
 
+    /// Returns whether its files are OpenUSD.
+    pub(super) fn is_usd(self) -> bool {
+        matches!(self, Self::Usda | Self::Usdc | Self::Usdz)
+    }
+
     /// Returns the axis that is up in its files.
     pub(super) fn up_axis(self) -> UpAxis {
         match self {

@@ -320,15 +320,19 @@ pub fn export(
         scene.radiance_scale = shifted.ok_or_else(|| Error::new("the exposure leaves no radiance scale that f32 holds"))?;
     }
     let kept = if plan.is_exact { Some(&scene) } else { None };
-    let cut_off_as_trained = if kept.is_none() { linear_with_gains(&plan, &scene, &similarity) } else { None };
+    let mut cut_off_as_trained = if kept.is_none() { linear_with_gains(&plan, &scene, &similarity) } else { None };
+    if plan.format.is_usd() {
+        // Which holds both in one scene.
+        baked.scene = cut_off_as_trained.take().unwrap_or(baked.scene);
+    }
     write(path, &plan, kept.or(cut_off_as_trained.as_ref()), &baked, options.spz_version)?;
     Ok(describe(path, &plan, &scene, &baked, error))
 }
 
-/// Returns the linear bake of an edited scene before its gains, with them: beside the bake, in
-/// formats that have a place for it, it keeps the cut-offs of the scene for renders here.
+/// Returns the linear bake of an edited scene before its gains, with them: beside the bake it keeps
+/// the cut-offs of the scene for renders here.
 fn linear_with_gains(plan: &Plan, scene: &Scene, similarity: &Similarity) -> Option<Scene> {
-    let is_linear = matches!(plan.options.appearance, Appearance::Linear { .. }) && matches!(plan.format, Format::Ply | Format::Glb);
+    let is_linear = matches!(plan.options.appearance, Appearance::Linear { .. });
     if !is_linear || scene.splats.gain.is_empty() {
         return None;
     }

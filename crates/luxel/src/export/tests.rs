@@ -97,3 +97,31 @@ fn an_unknown_scale_cannot_be_changed_to_metres() {
     assert!(error.to_string().contains("the scale of the scene is unknown"), "{error}");
     assert!(crate::remedy_of(&error).is_some_and(|remedy| remedy.to_string().contains("metres_per_unit")));
 }
+
+#[test]
+fn a_gain_of_the_scene_multiplies_every_pixel_of_linear_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let camera = synthetic::room_camera([48, 32]);
+    let options = ExportOptions { bake: Bake::linear(ColorSpace::LinearRec709), ..ExportOptions::default() };
+    let mut engine = SelectedEngine::open(&Device::Cpu.into()).unwrap().engine;
+    let mut rendered = |name: &str, gain: Option<f32>| {
+        let mut scene = synthetic::room(300, 1);
+        if let Some(gain) = gain {
+            scene.edit(&format!("gain {gain}").parse::<crate::Edit>().unwrap()).unwrap();
+        }
+        let path = folder.path().join(name);
+        export(scene.into_core(), &path, &options, None, engine.as_mut(), &Silent).unwrap();
+        let scene = Scene::from(read_scene(&path).unwrap());
+        Renderer::new(&scene, Device::Cpu).unwrap().render_normalised(&scene.local_camera(&camera)).unwrap()
+    };
+    for extension in ["usda", "usdc", "usdz", "ply", "glb"] {
+        let name = format!("scene.{extension}");
+        let before = rendered(&name, None);
+        for gain in [1.0 / 1024.0, 3.0, 1024.0f32] {
+            let after = rendered(&name, Some(gain));
+            for (after, before) in after.pixels.as_flattened().iter().zip(before.pixels.as_flattened()) {
+                assert!((after - gain * before).abs() <= 1e-5 * gain * before, "{extension}, gain {gain}: {after} of {before}");
+            }
+        }
+    }
+}

@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use super::Processor;
 use crate::run::{Launch, RunConfig, RunFolder};
-use crate::step_methods::check_is_built;
+use crate::step_methods::{check_is_built, not_built};
 use crate::{Dataset, Error, Observer, Result, SelectedEngine};
 
 /// A scene that is not stored as splats, of which this program has none.
@@ -25,8 +25,7 @@ pub struct ImplicitScene {
 pub(crate) enum Checkpoint {}
 
 fn refused(path: &Path) -> Error {
-    let message = "this program was built without the feature methods, which reads radiance fields and anchors";
-    Error::new(format!("{}: {message}", path.display()))
+    not_built(path.display())
 }
 
 impl Checkpoint {

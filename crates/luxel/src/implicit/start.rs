@@ -7,7 +7,7 @@
 use std::path::Path;
 use std::time::Instant;
 
-use luxel_core::{Dataset as CoreDataset, Engine, Remedy};
+use luxel_core::{Dataset as CoreDataset, Remedy};
 use luxel_io::{Arrays, ImageMemory, ImagePlan, IoError, system_memory};
 use luxel_methods::{
     AnchorCheckpoint, AnchorRun, FieldCheckpoint, FieldRun, check_exposures, field_network, read_anchor_run, read_field_run,

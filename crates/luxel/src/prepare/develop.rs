@@ -63,6 +63,7 @@ struct PictureSize {
 /// Pixels of a view, and statistics about them.
 struct Light {
     image: Image,
+    /// Pixels of which a channel is saturated in every exposure; empty for none.
     saturated: Vec<bool>,
     negative: usize,
     dark: f64,
@@ -91,13 +92,16 @@ impl Developer<'_> {
     }
 
     /// Returns the memory that a view takes while it is developed, bytes: codes of its frames, then
-    /// floats of a few stages.
+    /// floats of a few stages; of radiance one image of floats with its opacity, and files.
     pub(super) fn bytes_of(&self, view: &PlannedView) -> u64 {
         let pixels = view.frames.first().and_then(|i| self.photos.get(*i)).map_or(0, |p| {
             let [width, height] = p.info.size_px.map(u64::from);
             width * height
         });
-        pixels * (9 * view.frames.len() as u64 + 56)
+        match self.plan.kind {
+            PhotoKind::Radiance => pixels * 28,
+            PhotoKind::Raw | PhotoKind::Developed => pixels * (9 * view.frames.len() as u64 + 56),
+        }
     }
 
     /// Develops a view and writes its files.
@@ -225,8 +229,8 @@ impl Developer<'_> {
             notes.push(format!("{}: {unfinite} pixels are NaN or infinite; they stay so, and training masks them", photo.file_name()));
         }
         image.pixels.par_iter_mut().for_each(|p| *p = p.map(|v| if v < 0.0 { 0.0 } else { v }));
-        let saturated = vec![false; image.pixels.len()];
-        Ok(Light { image, saturated, negative, dark: 0.0, disagreeing: 0.0, offset_px: None, left_out: Vec::new() })
+        // Light has no upper end.
+        Ok(Light { image, saturated: Vec::new(), negative, dark: 0.0, disagreeing: 0.0, offset_px: None, left_out: Vec::new() })
     }
 
     /// Merges frames to radiance in the data set's space.

@@ -47,7 +47,7 @@ impl RunCameras {
     /// # Errors
     /// The file system's refusal.
     pub fn write(&self, folder: &RunFolder) -> Result<()> {
-        let named = |(name, camera): (&String, &Camera)| PathCamera { name: name.clone(), camera: camera.clone() };
+        let named = |(name, camera): (&String, &Camera)| PathCamera::new(name, camera.clone());
         let cameras: Vec<PathCamera> = self.by_name.iter().map(named).collect();
         let mut content: Value = serde_json::from_str(&luxel_io::camera_file_text(&cameras)).context("cannot encode the cameras")?;
         content["iteration"] = json!(self.iteration);

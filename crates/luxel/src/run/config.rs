@@ -14,7 +14,7 @@ use luxel_io::{ImageMemory, LoadOptions};
 use luxel_train::{FieldNetworkChoice, NamedChoice, OptionSpec, Preset, TrainConfig};
 use serde::{Deserialize, Serialize};
 
-use super::{ExplicitArgs, PlotLog};
+use super::{ExplicitArgs, PlotLog, TimeLimit};
 use crate::error::Context;
 use crate::export::DEFAULT_REFINE_STEPS;
 use crate::step_methods::check_is_built;
@@ -55,6 +55,9 @@ pub struct RunOptions {
     /// Limit on the memory that images take.
     #[serde(default)]
     pub image_memory: ImageMemory,
+    /// Time that the training may take, in place of a number of steps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time: Option<TimeLimit>,
     /// Scene, or folder of a run, whose splats the run starts from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from: Option<PathBuf>,
@@ -77,6 +80,7 @@ impl Default for RunOptions {
             eval_every: None,
             refine_display,
             image_memory: ImageMemory::Auto,
+            time: None,
             from: None,
             log: Vec::new(),
         }
@@ -149,7 +153,7 @@ impl fmt::Display for Difference {
 }
 
 /// Options that a resumed run may change: they leave the steps already made as they are.
-const FREE_ON_RESUME: [&str; 10] = [
+const FREE_ON_RESUME: [&str; 11] = [
     "device",
     "threads",
     "checkpoint_every",
@@ -160,6 +164,7 @@ const FREE_ON_RESUME: [&str; 10] = [
     "image_memory",
     "log",
     "iterations",
+    "time",
 ];
 
 /// Sections of the file that options belong to.

@@ -14,7 +14,7 @@ use luxel_core::{Dataset, Engine, RadianceScale, Scene};
 use luxel_io::LoadOptions;
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips, SplitMetrics};
-use luxel_train::LensVignetting;
+use luxel_train::{LensVignetting, PoseReport};
 use serde::Serialize;
 
 use super::evaluation::TEST_ALIGNED;
@@ -106,21 +106,8 @@ pub fn evaluate_run(
     };
     let images =
         if is_own && *load == config.load { folder.evaluation(iteration) } else { folder.claim_evaluation_of(iteration, path, load)? };
-    let mut named = Vec::new();
-    for (name, views, images) in [("test", &dataset.test, Some(images.as_path())), ("train", &dataset.train, None)] {
-        named.extend(rendering.evaluate(views, images, GainFit::None)?.map(|split| (name, split)));
-    }
-    let mut test_alignment = None;
-    if config.train.refine_poses
-        && let Some(aligned) = rendering.align(config.train.loss_weights(), &dataset.test)?
-    {
-        let split = rendering.evaluate(&aligned.views, None, GainFit::None)?;
-        // Beside the metrics before the alignment.
-        named.splice(1.min(named.len())..1.min(named.len()), split.map(|split| (TEST_ALIGNED, split)));
-        test_alignment = Some(aligned.report);
-    }
-    named.extend(rendering.evaluate_fitted(config, &dataset.test)?);
-    named.extend(rendering.evaluate_folded(config.train.method.lifts_colors().then_some(&scene), threads, &dataset.test)?);
+    let (named, test_alignment) =
+        measure(&mut rendering, config, dataset, &images, config.train.method.lifts_colors().then_some(&scene), threads)?;
     observer.event(Event::StepsEnd);
     let splits = named.iter().map(|(name, split)| ((*name).to_owned(), split.clone())).collect();
     let log = log::read(&folder.log())?;
@@ -151,6 +138,37 @@ pub fn evaluate_run(
     files::write_json(&folder.metrics(), schema::METRICS, &metrics)?;
     report::write(folder, config, dataset, Evaluated { metrics: &metrics, images: &images })?;
     Ok(named)
+}
+
+/// Metrics by split, test before train, and how the test views were aligned, if they were.
+type Measured = (Vec<(&'static str, SplitMetrics)>, Option<PoseReport>);
+
+/// Measures the views of a run, and writes the images of the test views. `folded` is the scene of
+/// splats of a method that lifts colours.
+fn measure(
+    rendering: &mut Rendering<'_>,
+    config: &RunConfig,
+    dataset: &Dataset,
+    images: &Path,
+    folded: Option<&Scene>,
+    threads: usize,
+) -> Result<Measured> {
+    let mut named = Vec::new();
+    for (name, views, images) in [("test", &dataset.test, Some(images)), ("train", &dataset.train, None)] {
+        named.extend(rendering.evaluate(views, images, GainFit::None)?.map(|split| (name, split)));
+    }
+    let mut test_alignment = None;
+    if config.train.refine_poses
+        && let Some(aligned) = rendering.align(config.train.loss_weights(), &dataset.test)?
+    {
+        let split = rendering.evaluate(&aligned.views, None, GainFit::None)?;
+        // Beside the metrics before the alignment.
+        named.splice(1.min(named.len())..1.min(named.len()), split.map(|split| (TEST_ALIGNED, split)));
+        test_alignment = Some(aligned.report);
+    }
+    named.extend(rendering.evaluate_fitted(config, &dataset.test)?);
+    named.extend(rendering.evaluate_folded(folded, threads, &dataset.test)?);
+    Ok((named, test_alignment))
 }
 
 /// Returns the vignetting of a run's lenses. Where the data are not the run's own, what

@@ -150,8 +150,8 @@ const ANCHOR_OPTIONS: &[&str] = &[
 ];
 
 /// Options of a run that a radiance field and anchors do not have: they have no display layer, all
-/// their images are in memory, and they start from nothing.
-const SPLAT_RUN_OPTIONS: &[&str] = &["refine_display", "image_memory", "from"];
+/// their images are in memory, they start from nothing, and their steps are not planned by time.
+const SPLAT_RUN_OPTIONS: &[&str] = &["refine_display", "image_memory", "from", "time"];
 
 /// Options that depend on a choice, and whether it is made.
 struct Group {

@@ -5,6 +5,7 @@
 //! touched.
 
 use std::path::Path;
+use std::time::Instant;
 
 use luxel_core::{Alone, Dataset as CoreDataset, Engine, Exchange, Remedy, Snapshot};
 use luxel_io::{ImageMemory, ImagePlan, system_memory};
@@ -64,6 +65,8 @@ struct ReadyRun {
     /// The same without a reason, for comparisons.
     computed_by: String,
     lock: RunLock,
+    /// The moment at which this process began with the run.
+    since: Instant,
 }
 
 /// Runs from the first step. `make_room` is called once the data set has been read and the settings
@@ -91,10 +94,12 @@ pub fn fresh_over(
     launch: Launch<'_>,
     make_room: impl FnOnce(&CoreDataset) -> Result<RunLock>,
 ) -> Result<TrainedRun> {
+    let since = Instant::now();
     let SelectedEngine { mut engine, threads, machine, computed_by, gpu, .. } = selected;
     let of_block = blocks::train_config(&config.dataset_path(launch.folder.root()), config.train.clone())?;
     let config = RunConfig { train: of_block, ..config };
     config.validate().context("cannot start training")?;
+    check_time(&config, &*exchange)?;
     // Settings without a text form must not cost the run that is to be replaced.
     config.to_toml().with_context(|| format!("{}: config.toml cannot hold these settings", config.dataset.display()))?;
     tell_settings(&mut *exchange, &config, launch.folder)?;
@@ -109,7 +114,7 @@ pub fn fresh_over(
     let config = RunConfig { train: trainer.config().clone(), ..config };
     let lock = make_room(&dataset)?;
     launch.folder.write_config(&config)?;
-    train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })
+    train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock, since })
 }
 
 /// Reads the scene that a run starts from, if it does.
@@ -139,6 +144,7 @@ fn first_trainer(config: &RunConfig, scene: Option<Scene>, dataset: &CoreDataset
 }
 
 /// The content of a checkpoint.
+#[expect(clippy::large_enum_variant, reason = "one of them, read once")]
 enum Stored {
     Splats(Snapshot),
     Implicit(implicit::Checkpoint),
@@ -184,8 +190,10 @@ pub fn resume_over(
     launch: Launch<'_>,
     lock: RunLock,
 ) -> Result<TrainedRun> {
+    let since = Instant::now();
     let SelectedEngine { mut engine, threads, machine, computed_by, gpu, .. } = selected;
     config.validate().context("cannot resume")?;
+    check_time(&config, &*exchange)?;
     let (folder, observer) = (launch.folder, launch.observer);
     let path = config.find_dataset(folder.root(), Remedy::give("dataset"))?;
     tell_settings(&mut *exchange, &config, folder)?;
@@ -213,7 +221,7 @@ pub fn resume_over(
     // A run that starts anew decides what its options leave open, as its first start did.
     let config = RunConfig { train: trainer.config().clone(), ..config };
     folder.write_config(&config)?;
-    train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })
+    train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock, since })
 }
 
 /// Facts that the memory of a run depends on, besides its settings and images.
@@ -261,6 +269,17 @@ fn continue_with(config: &RunConfig, trainer: &mut dyn Reconstruction) -> Result
     Ok(())
 }
 
+/// Refuses a limit of time over several ranks, each of which would plan another number of steps.
+fn check_time(config: &RunConfig, exchange: &dyn Exchange) -> Result<()> {
+    match config.run.time {
+        Some(_) if exchange.ranks() > 1 => {
+            let message = format!("{} ranks train one scene, and only one process can be planned by time", exchange.ranks());
+            Err(Error::new(message).with_remedy(Remedy::give("iterations")))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Says how a batch is divided, and warns of ranks that have no part in it.
 fn report_ranks(exchange: &dyn Exchange, config: &RunConfig, observer: &dyn Observer) {
     let (ranks, batch) = (exchange.ranks(), config.train.batch);
@@ -283,7 +302,7 @@ fn words_of(size: SceneSize) -> String {
 }
 
 fn train(config: RunConfig, launch: Launch<'_>, ready: ReadyRun) -> Result<TrainedRun> {
-    let ReadyRun { dataset, mut trainer, threads, machine, computed_by, lock: _lock } = ready;
+    let ReadyRun { dataset, mut trainer, threads, machine, computed_by, lock: _lock, since } = ready;
     let Launch { folder, observer, stop } = launch;
     if let Some(splats) = trainer.as_splats() {
         tell_state(splats)?;
@@ -293,8 +312,10 @@ fn train(config: RunConfig, launch: Launch<'_>, ready: ReadyRun) -> Result<Train
         report_ranks(splats.exchange(), &config, observer);
     }
     let first = trainer.iteration();
-    let session = Session { dataset: &dataset, folder, config: &config, threads, computed_by, observer, stop, trainer };
+    let session = Session { dataset: &dataset, folder, config: &config, threads, computed_by, observer, stop, trainer, since };
     let (outcome, trainer) = session.run()?;
     let steps = trainer.iteration().saturating_sub(first);
+    // A run within a given time has found its number of steps.
+    let config = RunConfig { train: trainer.config().clone(), ..config };
     Ok(TrainedRun { outcome, config, trainer, dataset, steps })
 }

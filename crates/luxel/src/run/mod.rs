@@ -54,6 +54,7 @@ mod session;
 pub mod state;
 mod supervision;
 pub(crate) mod test_curve;
+mod time_budget;
 
 pub use cameras::RunCameras;
 pub use captures::{Captures, vignetting_text};
@@ -71,3 +72,4 @@ pub use needs::RunMemory;
 pub(crate) use needs::engine_bytes;
 pub use plots::PlotLog;
 pub use session::{EXIT_INTERRUPTED, Outcome, Session};
+pub use time_budget::TimeLimit;

@@ -10,6 +10,7 @@ mod measure;
 mod taken_apart;
 
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 use luxel_core::{Dataset, StepReport};
 use luxel_train::{Reconstruction, SavedRun};
@@ -19,12 +20,18 @@ use super::clock::Clock;
 use super::folder::LockIdentity;
 use super::log::{LOG_EVERY, LogRecord, RunLog};
 use super::test_curve::TestCurve;
+use super::time_budget::TimeBudget;
 use super::{LiveRun, RunConfig, RunFolder, state};
 use crate::error::Context;
 use crate::{Event, Observer, Result, StopFlag, Wish, files, memory, text};
 
 /// Exit code of the program when an interruption ended it: 128 + SIGINT.
 pub const EXIT_INTERRUPTED: u8 = 130;
+
+/// The step after which a run says how long it will take.
+const TELLS_AT: u32 = 20;
+/// Time that is worth a line.
+const WORTH_TELLING: Duration = Duration::from_secs(60);
 
 /// The end of a training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,6 +60,8 @@ pub struct Session<'a> {
     pub stop: &'a StopFlag,
     /// The reconstruction in progress.
     pub trainer: Box<dyn Reconstruction>,
+    /// The moment at which this process began with the run.
+    pub since: Instant,
 }
 
 /// The state of the loop besides the trainer.
@@ -66,6 +75,7 @@ struct LoopState {
     psnr_test: Option<f64>,
     psnr_test_sample: Option<f64>,
     sums: LogSums,
+    budget: Option<TimeBudget>,
 }
 
 /// Sums since the last line of the log.
@@ -93,21 +103,20 @@ impl Session<'_> {
                 self.folder.log().display()
             ));
         }
+        let spent_s = last.as_ref().map_or(0.0, |record| record.elapsed_s);
         let mut state = LoopState {
             log,
             log_failed: false,
             lock: self.folder.lock_identity(),
-            clock: Clock::resumed(
-                last.as_ref().map_or(0.0, |record| record.elapsed_s),
-                last.as_ref().map_or(Some(0.0), |record| record.cpu_s),
-            ),
+            clock: Clock::resumed(spent_s, last.as_ref().map_or(Some(0.0), |record| record.cpu_s)),
             peak_before: last.as_ref().and_then(|record| record.peak_rss_bytes),
             psnr_test: last.as_ref().and_then(|record| record.psnr_test),
             psnr_test_sample: last.and_then(|record| record.psnr_test_sample),
             sums: LogSums::default(),
+            budget: self.config.run.time.map(|limit| TimeBudget::new(limit, self.since, start, spent_s)),
         };
         let listening = self.stop.listen();
-        self.observer.event(Event::StepsBegin { done: start, total: self.config.train.iterations });
+        self.observer.event(Event::StepsBegin { done: start, total: self.trainer.config().iterations });
         let outcome = self.train(&mut state);
         self.observer.event(Event::StepsEnd);
         drop(listening);
@@ -148,6 +157,7 @@ impl Session<'_> {
             state.sums.add(&report, state.clock.seconds() - before);
             let iteration = self.trainer.iteration();
             self.observer.event(Event::Step { done: iteration });
+            self.plan(state)?;
 
             let save = state.clock.paused(|| self.visit()) == Some(Wish::Save) || self.checkpoint_is_due();
             let evaluate = self.evaluation_is_due();
@@ -163,6 +173,44 @@ impl Session<'_> {
             }
         }
         Ok(Outcome::Finished)
+    }
+
+    /// Plans a run within a given time anew where that is due, and keeps the plan in config.toml.
+    /// Without one, says once how long the run will take.
+    fn plan(&mut self, state: &mut LoopState) -> Result<()> {
+        let (seconds, made) = (state.clock.seconds(), state.sums.steps);
+        let Some(budget) = &mut state.budget else {
+            if self.trainer.iteration() == TELLS_AT {
+                let steps_left = self.trainer.steps_left_at_pace(made);
+                steps_left.into_iter().for_each(|left| self.tell_duration(left * state.sums.seconds / f64::from(made.max(1))));
+            }
+            return Ok(());
+        };
+        let Some(splats) = self.trainer.as_splats() else { return Ok(()) };
+        let before = splats.config().iterations;
+        if !budget.plan(splats, seconds) {
+            return Ok(());
+        }
+        let (config, size) = (splats.config().clone(), self.dataset.train.first().map_or([0; 2], |view| view.camera.size_px));
+        let (iterations, factor) = (config.iterations, splats.downscale());
+        self.folder.write_config(&RunConfig { train: config, ..self.config.clone() })?;
+        self.observer.event(Event::StepsBegin { done: self.trainer.iteration(), total: iterations });
+        // A plan that is nearly the last one is not worth a line.
+        if f64::from(iterations.abs_diff(before)) > 0.1 * f64::from(before) {
+            let [width, height] = size.map(|side| side / factor);
+            self.observer
+                .note(&format!("step {}: {iterations} steps fit into the time, now on {width}x{height} pixels", self.trainer.iteration()));
+        }
+        Ok(())
+    }
+
+    /// Says how long the run will take, where that is long enough to matter.
+    fn tell_duration(&self, left_s: f64) {
+        let left = Duration::try_from_secs_f64(left_s).unwrap_or_default();
+        if left >= WORTH_TELLING {
+            let advice = "less with fewer steps, smaller images, or a limit of time";
+            self.observer.note(&format!("about {} to the last step at this pace; {advice}", text::duration(left)));
+        }
     }
 
     /// Shows the observer the splats between two steps.
@@ -194,7 +242,7 @@ impl Session<'_> {
             return Ok(());
         }
         let iteration = self.trainer.iteration();
-        let schedule = TestCurve::new(self.config.train.iterations, self.dataset.test.len());
+        let schedule = TestCurve::new(self.trainer.config().iterations, self.dataset.test.len());
         let is_due = schedule.is_due(iteration);
         let psnr_train = if is_due || !self.trainer.renders_slowly() { state.clock.paused(|| self.probe())? } else { None };
         if is_due {
@@ -222,7 +270,7 @@ impl Session<'_> {
             rss_bytes: memory::resident_bytes(),
             peak_rss_bytes: state.peak_rss(),
         };
-        self.observer.event(Event::Progress { record: record.clone(), total: self.config.train.iterations });
+        self.observer.event(Event::Progress { record: record.clone(), total: self.trainer.config().iterations });
         let appended = state.log.append(&record);
         self.report_log(appended, state);
         Ok(())

@@ -78,8 +78,9 @@ pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32,
             }),
             Source::Checkpoint(path) => match luxel_io::read_checkpoint(&path) {
                 Ok(snapshot) => {
-                    let scene =
-                        luxel_train::snapshot_scene(snapshot, step_methods()).with_context(|| format!("{}: no scene", path.display()))?;
+                    let no_scene = || format!("{}: no scene", path.display());
+                    check_is_built(luxel_train::snapshot_config(&snapshot).with_context(no_scene)?.method).with_context(no_scene)?;
+                    let scene = luxel_train::snapshot_scene(snapshot, step_methods()).with_context(no_scene)?;
                     return Ok((u32::try_from(iteration)?, scene));
                 }
                 Err(error) => Err(error),
@@ -157,6 +158,7 @@ pub fn response(folder: &RunFolder, config: &RunConfig, iteration: u32, implicit
     if let Some(response) = Captures::read(folder)?.response_at(iteration) {
         return Ok(Some(response));
     }
+    check_is_built(config.train.method)?;
     let (path, snapshot) = snapshot_of(folder, iteration, "the camera's response")?;
     luxel_train::snapshot_response(&snapshot, step_methods()).with_context(|| format!("{}: no response of a camera", path.display()))
 }

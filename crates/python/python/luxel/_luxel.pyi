@@ -169,6 +169,23 @@ class Scene:
         device: str = "auto",
         threads: int | None = None,
     ) -> _F32: ...
+    def photograph(
+        self,
+        camera: Camera,
+        *,
+        aperture: float | None = None,
+        focus: float | None = None,
+        blades: int | None = None,
+        before: Camera | None = None,
+        after: Camera | None = None,
+        shutter: float = 180.0,
+        lens_samples: int | None = None,
+        sample_set: int = 0,
+        background: Sequence[float] | None = None,
+        samples: int | None = None,
+        device: str = "auto",
+        threads: int | None = None,
+    ) -> _F32: ...
     def render_layers(
         self,
         camera: Camera,

@@ -143,7 +143,7 @@ impl Trainer {
         let color_model = config.color_model();
         let schedule = Schedule::new(config, state.planned_iterations, state.extent);
         let side_px = dataset.train.iter().flat_map(|view| view.camera.size_px).min().unwrap_or(1);
-        let stages = config.resolution_schedule.stages(state.planned_iterations, schedule.densify_interval, side_px);
+        let stages = super::plan::stages(config, &schedule, side_px);
         let tone = ToneScale { radiance_scale: state.radiance_scale, mu: config.mu };
         let views = TrainingViews::new(&dataset.train, stages, config.noise_model, tone);
         let lenses = state.vignetting.is_some().then(|| Lenses::new(dataset));

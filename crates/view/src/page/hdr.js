@@ -56,7 +56,8 @@ export class HdrScreen {
     const { state, comparison } = this.viewer;
     const isElsewhere = comparison?.isOn() && (state.compare === "difference" || state.compare === "beside" || comparison.kind() !== "truth");
     const isPicture = state.layer === "radiance" && !isElsewhere;
-    return this.range.matches && state.hdr && isPicture && this.viewer.shown !== null;
+    // Colours of a display end at white.
+    return this.range.matches && state.hdr && isPicture && this.viewer.shown !== null && !this.viewer.scene?.is_display;
   }
 
   async start() {

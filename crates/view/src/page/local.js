@@ -2,6 +2,7 @@
 
 import { openGpu } from "./gpu/device.js";
 import { GpuRenderer } from "./gpu/renderer.js";
+import { decoded } from "./half.js";
 import { parseChanges, parseSplats } from "./gpu/splats.js";
 
 /** @typedef {import("./gpu/device.js").Gpu} Gpu */
@@ -65,7 +66,10 @@ export class LocalPictures {
   }
 
   /** A picture; null if one under other edits was asked for meanwhile. @param {Lens} lens @param {Picture} picture @returns {Promise<Frame | null>} */
-  async frame(lens, { edit, layers }) {
-    return (await this.load(edit)) ? this.renderer.render(lens, layers) : null;
+  async frame(lens, { edit, layers, isStored }) {
+    if (!(await this.load(edit))) return null;
+    const frame = await this.renderer.render(lens, layers);
+    if (isStored || !this.renderer.splats?.head.isDisplay) return frame;
+    return { ...frame, rgb: decoded(frame.rgb, frame.head.scale) };
   }
 }

@@ -42,11 +42,17 @@ function connect(viewer) {
   fillHelp(byId("help-body"));
 }
 
+/** What a curve does to colours that are a display's. @param {State} state */
+const curveText = ({ curve, exposure }) =>
+  curve === "none" && exposure === 0 ? "Colours of a display (sRGB), shown as they are stored." : "Colours of a display (sRGB), changed by exposure or curve: none at 0 EV shows them as they are stored.";
+
 /** Shows what is set. @param {Viewer} viewer */
 function reflect(viewer) {
   const { state } = viewer;
   byId("layer").value = state.layer;
   byId("curve").value = state.curve;
+  byId("curve-text").hidden = !viewer.scene?.is_display;
+  byId("curve-text").textContent = curveText(state);
   byId("curve").toggleAttribute("disabled", state.layer !== "radiance");
   byId("zebra").checked = state.zebra;
   byId("fov").value = String(Math.round(state.fov));

@@ -60,7 +60,7 @@ export class Saving {
     if (url) return download(url, "view.exr");
     if (!(source instanceof Embedded)) return;
     try {
-      const frame = await source.frame(still.lens, picture);
+      const frame = await source.frame(still.lens, { ...picture, isStored: true });
       if (frame) download(URL.createObjectURL(await encodeExr(frame, source.facts.chromaticities, source.facts.color_interop_id)), "view.exr");
     } catch (error) {
       byId("save-text").textContent = /** @type {Error} */ (error).message;

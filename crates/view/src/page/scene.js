@@ -12,7 +12,7 @@ import { checked } from "./server.js";
 /** @typedef {{ done: number, total: number, is_paused: boolean, is_finished: boolean, records: number }} Training */
 /** The newest state; `cameras` grows whenever a camera has moved. @typedef {{ version: number, splats: number, cameras: number, training: Training | null }} Status */
 /**
- * @typedef {{ name: string, path: string, splats: number, bounds: [Vec3, Vec3], inner_bounds: [Vec3, Vec3], color_space: string,
+ * @typedef {{ name: string, path: string, splats: number, bounds: [Vec3, Vec3], inner_bounds: [Vec3, Vec3], color_space: string, is_display: boolean,
  *   rec709_from_scene: number[][], luminance_weights: Vec3, radiance_scale: number, up: Vec3, edits: string[],
  *   cd_m2_per_unit: number | null, world_from_local: Frame3, others: OtherScene[],
  *   version: number, cameras_version: number, training: Training | null, download_bytes: number | null, lights: number, cameras: ViewCamera[], luxel_version: string }} Scene
@@ -21,7 +21,7 @@ import { checked } from "./server.js";
 /** A scene that is compared with. @typedef {{ name: string, splats: number, color_space: string, first_from_scene: number[][], luminance_weights: Vec3, radiance_scale: number }} OtherScene */
 /** @typedef {{ width: number, height: number, scale: number, rgb: boolean, alpha: boolean, depth: boolean, version: number, seconds: number }} Head */
 /**
- * A picture: half floats of radiance divided by `head.scale`, coverage, depth.
+ * A picture: half floats of radiance (of a scene of display colours: of their light) divided by `head.scale`, coverage, depth.
  * @typedef {{ head: Head, rgb: Uint16Array, alpha: Uint16Array | null, depth: Float32Array | null }} Frame
  */
 

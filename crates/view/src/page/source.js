@@ -5,7 +5,7 @@
 /** @typedef {import("./scene.js").Frame} Frame */
 /** @typedef {import("./scene.js").Scene} Scene */
 
-/** What is rendered: edits in the text form of `luxel edit`; whether radiance is wanted; whether coverage and depth are; a variant of the scene; a name for the one of two pictures at once. @typedef {{ edit: string, radiance: boolean, layers: boolean, variant?: import("./variant.js").Variant, name?: string }} Picture */
+/** What is rendered: edits in the text form of `luxel edit`; whether radiance is wanted; whether coverage and depth are; whether colours of a display stay as they are stored, in place of their light; a variant of the scene; a name for the one of two pictures at once. @typedef {{ edit: string, radiance: boolean, layers: boolean, isStored?: boolean, variant?: import("./variant.js").Variant, name?: string }} Picture */
 
 /**
  * @typedef {object} Source

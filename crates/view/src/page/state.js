@@ -39,6 +39,7 @@ export class State {
   /** Stops. */ exposure = 0;
   autoExposure = false;
   /** @type {Curve} */ curve = "agx";
+  /** The curve that a scene begins with: none where its colours are a display's. @type {Curve} */ usualCurve = "agx";
   /** @type {Layer} */ layer = "radiance";
   /** @type {Compare} */ compare = "off";
   /** Place of the wipe, 0 to 1. */ wipe = 0.5;
@@ -113,6 +114,7 @@ const rounded = (v) => v.map((x) => Number(x.toPrecision(7))).join(",");
 export function toHash(state, size) {
   const place = (/** @type {readonly number[]} */ v) => v.map((x) => Number(x.toFixed(decimals(size, 1e-7)))).join(",");
   const fresh = new State();
+  fresh.curve = state.usualCurve;
   const query = new URLSearchParams();
   query.set("eye", place(state.eye));
   query.set("look", rounded(state.axes.back.map((x) => -x)));

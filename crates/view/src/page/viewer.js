@@ -173,6 +173,7 @@ export class Viewer {
     this.controls.size = Math.max(sizeOf(scene), 1e-6);
     this.controls.up = this.up();
     if (!isAgain) {
+      this.state.usualCurve = this.state.curve = scene.is_display ? "none" : "agx";
       if (!this.readAddress()) this.home();
       else if (this.state.view) this.standAt(this.state.view);
     }

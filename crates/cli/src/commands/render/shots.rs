@@ -26,18 +26,30 @@ const PATH_FRAMES: usize = 120;
 pub(super) struct Shot {
     pub(super) name: String,
     pub(super) camera: Camera,
+    /// Distance in focus that a file states, world units.
+    pub(super) focus_distance: Option<f64>,
 }
 
 impl Shot {
+    fn new(name: impl Into<String>, camera: Camera) -> Self {
+        Self { name: name.into(), camera, focus_distance: None }
+    }
+
     /// Returns the shot with its camera in the world.
     pub(super) fn in_world(&self, scene: &Scene) -> Self {
-        Self { name: self.name.clone(), camera: scene.world_camera(&self.camera) }
+        Self { camera: scene.world_camera(&self.camera), ..self.clone() }
+    }
+}
+
+impl From<Shot> for PathCamera {
+    fn from(Shot { name, camera, focus_distance }: Shot) -> Self {
+        Self { name, camera, focus_distance }
     }
 }
 
 impl From<PathCamera> for Shot {
-    fn from(PathCamera { name, camera }: PathCamera) -> Self {
-        Self { name, camera }
+    fn from(PathCamera { name, camera, focus_distance }: PathCamera) -> Self {
+        Self { name, camera, focus_distance }
     }
 }
 
@@ -98,7 +110,11 @@ fn lens(args: &RenderArgs) -> Lens {
 /// Returns the shots of both eyes.
 fn eyes(shot: &Shot, distance: f64) -> [Shot; 2] {
     let [left, right] = stereo_pair(&shot.camera, distance);
-    [("left", left), ("right", right)].map(|(eye, camera)| Shot { name: format!("{}_{eye}", shot.name), camera })
+    [("left", left), ("right", right)].map(|(eye, camera)| Shot {
+        name: format!("{}_{eye}", shot.name),
+        camera,
+        focus_distance: shot.focus_distance,
+    })
 }
 
 fn named(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, console: &Console) -> Result<Shots> {
@@ -107,7 +123,7 @@ fn named(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, cons
         let dataset = dataset()?;
         let stage = stage(source, dataset.as_ref())?;
         let camera = lens(args).camera(pose_at(at, Up::Default, dataset.as_ref())?)?;
-        let shot = Shot { name: lens_name(args).to_owned(), camera: source.scene.local_camera(&camera) };
+        let shot = Shot::new(lens_name(args), source.scene.local_camera(&camera));
         return Ok(Shots { stage: Some(stage), ..Shots::new(vec![shot], None) });
     }
     if let Some(file) = args.cameras.as_deref().filter(|file| is_usd_file(file)) {
@@ -165,7 +181,7 @@ fn layer(args: &RenderArgs, file: &Path, source: &SceneSource, dataset: Option<&
                 .note(&format!("{}: {cameras}; lengths times {factor:.6}: metersPerUnit is {metres}, the scene's {own}", file.display()));
         }
     }
-    let shot = |named: PathCamera| Shot { name: named.name, camera: source.scene.local_camera(&named.camera) };
+    let shot = |named: PathCamera| Shot { camera: source.scene.local_camera(&named.camera), ..named.into() };
     let all = found.cameras.into_iter().map(shot).collect();
     Ok(Shots { stage: Some(stage), ..Shots::new(all, args.frames) })
 }
@@ -199,7 +215,7 @@ impl CameraText {
 /// Returns what --write-cameras asks for, of the shots in the world.
 pub(super) fn file_of_cameras(args: &RenderArgs, shots: &Shots, world: Option<&[Shot]>) -> Result<Option<CameraText>> {
     let (Some(path), Some(world)) = (&args.write_cameras, world) else { return Ok(None) };
-    let cameras: Vec<PathCamera> = world.iter().map(|shot| PathCamera { name: shot.name.clone(), camera: shot.camera.clone() }).collect();
+    let cameras: Vec<PathCamera> = world.iter().cloned().map(PathCamera::from).collect();
     let is_json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
     let text = match &shots.stage {
         _ if is_json => luxel_io::camera_file_text(&cameras),
@@ -262,7 +278,7 @@ fn resize(shots: &mut [Shot], size_px: [u32; 2], console: &Console) -> Result<()
 /// Writes the cameras of a path beside its frames, unless they are there.
 pub(super) fn write_path(folder: &Path, shots: &[Shot], overwrite: bool, console: &Console) -> Result<()> {
     let path = folder.join("cameras.json");
-    let cameras: Vec<PathCamera> = shots.iter().map(|shot| PathCamera { name: shot.name.clone(), camera: shot.camera.clone() }).collect();
+    let cameras: Vec<PathCamera> = shots.iter().cloned().map(PathCamera::from).collect();
     let content = luxel_io::camera_file_text(&cameras);
     if luxel_io::read_file(&path).is_ok_and(|found| found == content.as_bytes()) {
         return Ok(());
@@ -307,7 +323,7 @@ fn camera_file(
             .context("cannot read the cameras")?
         }
     };
-    Ok(cameras.into_iter().map(|named| Shot { name: named.name, camera: named.camera }).collect())
+    Ok(cameras.into_iter().map(Into::into).collect())
 }
 
 fn views(dataset: &Dataset, split: SplitArg) -> Vec<Shot> {
@@ -316,7 +332,7 @@ fn views(dataset: &Dataset, split: SplitArg) -> Vec<Shot> {
         SplitArg::Test => (&[], &dataset.test),
         SplitArg::All => (&dataset.train, &dataset.test),
     };
-    let mut shots: Vec<Shot> = train.iter().chain(test).map(|view| Shot { name: view.name.clone(), camera: view.camera.clone() }).collect();
+    let mut shots: Vec<Shot> = train.iter().chain(test).map(|view| Shot::new(&view.name, view.camera.clone())).collect();
     // Both lists are sorted; together they are sorted again, so that frame numbers follow the
     // capture.
     shots.sort_by(|a, b| a.name.cmp(&b.name));

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use luxel_core::ColorModel;
+use luxel_core::{Antialias, ColorModel};
 use proptest::prelude::*;
 
 use crate::decode_scene_ply;
@@ -49,6 +49,20 @@ fn compressed_files_are_unpacked() {
     let red: Vec<f32> = scene.splats.sh_of(0)[3..].iter().step_by(3).copied().collect();
     assert_eq!((red[0], red[1]), (-4.0, 4.0));
     assert!(red[2].abs() < 0.02);
+}
+
+#[test]
+fn comments_state_the_model_of_compressed_files_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.ply");
+    let read = |comment: &str| {
+        std::fs::write(&path, compressed("", PACKED_ROWS).replace("ply\n", &format!("ply\n{comment}"))).unwrap();
+        crate::read_scene_file(&path).unwrap()
+    };
+    assert_eq!(read("comment SplatRenderMode: mip\n").scene.raster.antialias, Antialias::Mip);
+    let flat = read("comment SplatRenderMode: 2dgs\n");
+    assert!(flat.warnings[0].contains("flat splats of 2DGS"), "{:?}", flat.warnings);
+    assert!(flat.scene.splats.log_scale[0][2] < -6.9 && flat.scene.splats.log_scale[0][..2] == [0.0; 2]);
 }
 
 #[test]

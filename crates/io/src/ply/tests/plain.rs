@@ -88,7 +88,9 @@ fn colours_of_points_and_comments_of_anti_aliasing_are_read() {
     for comment in ["comment SplatRenderMode: mip\n", "comment antialiased 1\n"] {
         assert_eq!(file(comment, "uchar", "1 2 3").raster.antialias, Antialias::Mip, "{comment}");
     }
-    assert_eq!(file("comment antialiased 0\n", "uchar", "1 2 3").raster.antialias, Antialias::Off);
+    for comment in ["comment antialiased 0\n", "comment antialiased 1\ncomment SplatRenderMode: default\n"] {
+        assert_eq!(file(comment, "uchar", "1 2 3").raster.antialias, Antialias::Off, "{comment}");
+    }
 }
 
 #[test]
@@ -113,16 +115,19 @@ fn bytes_behind_the_last_row_are_warned_of() {
 fn flat_splats_of_2dgs_are_read_as_thin_ones() {
     let text = String::from_utf8(plain_file("ascii")).unwrap();
     // The property of that place is another program's.
-    let flat = text.replace("scale_2", "area");
-    assert_ne!(flat, text);
+    let without = text.replace("scale_2", "area");
+    let stated = text.replace("comment made elsewhere", "comment SplatRenderMode: 2dgs");
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.ply");
-    std::fs::write(&path, &flat).unwrap();
-    let file = crate::read_scene_file(&path).unwrap();
-    for [a, b, c] in &file.scene.splats.log_scale {
-        assert!((c - (a.min(*b) - 1000f32.ln())).abs() < 1e-3, "{a} {b} {c}");
+    for flat in [without, stated] {
+        assert_ne!(flat, text);
+        std::fs::write(&path, &flat).unwrap();
+        let file = crate::read_scene_file(&path).unwrap();
+        for [a, b, c] in &file.scene.splats.log_scale {
+            assert!((c - (a.min(*b) - 1000f32.ln())).abs() < 1e-3, "{a} {b} {c}");
+        }
+        assert!(file.warnings[0].contains("flat splats of 2DGS"), "{:?}", file.warnings);
     }
-    assert!(file.warnings[0].contains("flat splats of 2DGS"), "{:?}", file.warnings);
     assert!(error_of(text.replace("scale_1", "area").as_bytes()).contains("no property \"scale_1\""));
 }
 
@@ -160,4 +165,22 @@ fn infinite_opacities_of_other_programs_are_bounded() {
     assert!(sigmoid(file("inf").unwrap().splats.opacity_logit[0]) > 0.99999);
     assert!(sigmoid(file("-inf").unwrap().splats.opacity_logit[0]) < 0.00001);
     assert!(file("nan").unwrap_err().to_string().contains("\"opacity\" is NaN"));
+}
+
+#[test]
+fn lengths_in_the_place_of_logarithms_are_warned_of() {
+    let names =
+        ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"];
+    let properties: String = names.map(|name| format!("property float {name}\n")).concat();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.ply");
+    let warnings = |count: usize, numbers: &str| {
+        let rows = format!("0 0 0 1 1 1 {numbers} 1 0 0 0\n").repeat(count);
+        std::fs::write(&path, format!("ply\nformat ascii 1.0\nelement vertex {count}\n{properties}end_header\n{rows}")).unwrap();
+        crate::read_scene_file(&path).unwrap().warnings
+    };
+    assert!(warnings(100, "0.9 0.01 0.02 0.03")[0].contains("if they are lengths and opacities"));
+    for (count, numbers) in [(99, "0.9 0.01 0.02 0.03"), (100, "0.9 -0.01 0.02 0.03"), (100, "2 0.01 0.02 0.03")] {
+        assert_eq!(warnings(count, numbers), [""; 0], "{numbers}");
+    }
 }

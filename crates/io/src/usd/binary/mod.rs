@@ -32,6 +32,7 @@ const HEADER_BYTES: usize = 88;
 
 /// Types of values that are written or read (OpenUSD's `crateDataTypes.h`).
 mod kind {
+    pub(super) const BOOL: u8 = 1;
     pub(super) const INT: u8 = 3;
     pub(super) const HALF: u8 = 7;
     pub(super) const FLOAT: u8 = 8;

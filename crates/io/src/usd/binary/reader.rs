@@ -35,6 +35,11 @@ impl<'a> CrateReader<'a> {
         (value.is_inlined() && value.kind() == kind::TOKEN).then(|| self.tables.token(value.payload() as u32)).flatten()
     }
 
+    /// Returns whether a truth value of a spec is there and false.
+    pub(super) fn is_false(&self, spec: &Spec, field: &str) -> bool {
+        self.tables.field(spec, field).is_some_and(|value| value.is_inlined() && value.kind() == kind::BOOL && value.payload() == 0)
+    }
+
     /// Returns the integer of an attribute.
     pub(super) fn int(&self, spec: &Spec) -> Option<i32> {
         let value = self.tables.field(spec, "default")?;
@@ -93,7 +98,13 @@ impl<'a> CrateReader<'a> {
     /// An array that is truncated, or not of floats.
     pub(super) fn floats(&self, spec: &Spec) -> Result<Vec<f32>, String> {
         let wrong = || format!("{}: not an array of floats", spec.path);
-        let value = self.tables.field(spec, "default").filter(|value| value.is_array()).ok_or_else(wrong)?;
+        let value = self.tables.field(spec, "default").ok_or_else(wrong)?;
+        if value.kind() == kind::VALUE_BLOCK {
+            return Ok(Vec::new());
+        }
+        if !value.is_array() {
+            return Err(wrong());
+        }
         let (width, is_half) = match value.kind() {
             kind::FLOAT => (1, false),
             kind::HALF => (1, true),

@@ -8,14 +8,15 @@ use glam::DVec3;
 use super::cameras::{CLASS, around, take_transform};
 use super::reader::CrateReader;
 use super::tables::Spec;
-use super::writer::{CrateWriter, FieldValue};
+use super::writer::{CrateWriter, FieldValue, Form};
 use super::{kind, spec};
 use crate::bake::{Appearance, BakeRecord, Baked, RECORD_KEY};
 use crate::joined::MAX_PARTS;
 use crate::usd::cameras::{OPERATION, Transform};
 use crate::usd::field::{Field, is_read};
+use crate::usd::shown::{Hidden, INSTANCER, Unshown};
 use crate::usd::writer::{Prim, StageFacts, extent};
-use crate::usd::{DISPLAY_SPACE, ORDER, PRIM_TYPE, TRANSLATE, color_space_named, usd_name};
+use crate::usd::{DISPLAY_SPACE, GAIN, ORDER, PRIM_TYPE, TRAINED, TRANSLATE, color_space_named, usd_name};
 
 /// Writes a bake as a crate file. What is in the header depends on what is behind it, which is
 /// therefore made twice.
@@ -36,7 +37,12 @@ fn write_behind_header<W: Write>(baked: &Baked, mut file: CrateWriter<W>) -> io:
     let is_moved = baked.origin_in_file() != DVec3::ZERO;
     let StageFacts { metres, documentation } = StageFacts::new(baked);
     let prim = Prim::new(splats);
-    let names: Vec<&str> = NAMES.iter().copied().filter(|name| is_moved || ![TRANSLATE, ORDER].contains(name)).collect();
+    let is_written = |name: &&str| match *name {
+        TRANSLATE | ORDER => is_moved,
+        GAIN | TRAINED => !splats.gain.is_empty(),
+        _ => true,
+    };
+    let names: Vec<&str> = NAMES.iter().copied().filter(is_written).collect();
 
     let root = [
         FieldValue::new("customLayerData", file.dictionary(RECORD_KEY, &record)?),
@@ -57,7 +63,7 @@ fn write_behind_header<W: Write>(baked: &Baked, mut file: CrateWriter<W>) -> io:
 
     for name in names {
         let rows = |block: &mut Vec<u8>, row: &[f32]| block.extend(row.iter().flat_map(|v| v.to_le_bytes()));
-        let n = splats.len();
+        let (n, k) = (splats.len(), splats.color_model.sh_coefficients());
         let (type_name, is_uniform, value) = match name {
             "colorSpace:name" => ("token", true, file.token(space)),
             TRANSLATE => ("double3", false, file.vec3d(baked.origin_in_file().to_array())?),
@@ -79,20 +85,23 @@ fn write_behind_header<W: Write>(baked: &Baked, mut file: CrateWriter<W>) -> io:
             "projectionModeHint" => ("token", true, file.token("perspective")),
             "sortingModeHint" => ("token", true, file.token("zDepth")),
             "radiance:sphericalHarmonicsDegree" => ("int", true, file.int(splats.color_model.sh_degree() as i32)),
-            // The last of them.
-            _ => {
-                let k = splats.color_model.sh_coefficients();
-                let row = |i: usize| &splats.sh[3 * i..3 * i + 3];
-                ("float3[]", false, file.floats(kind::VEC3F, n * k, |i, block| rows(block, row(i)))?)
-            }
+            GAIN => ("float[]", false, file.floats(kind::FLOAT, n, |i, block| rows(block, &splats.gain[i..=i]))?),
+            TRAINED => ("float3[]", false, file.rows(kind::VEC3F, [n, k], |i, block| rows(block, splats.sh_of(i)))?),
+            // The harmonics.
+            _ => ("float3[]", false, file.rows(kind::VEC3F, [n, k], |i, block| rows(block, &prim.harmonics(i)))?),
         };
-        file.attribute(name, type_name, is_uniform, value);
+        let form = match name {
+            GAIN | TRAINED => Form::Custom,
+            _ if is_uniform => Form::Uniform,
+            _ => Form::Varying,
+        };
+        file.attribute(name, type_name, form, value);
     }
     file.finish("Splats")
 }
 
 /// Attributes of the prim, in the order of their specs.
-const NAMES: [&str; 12] = [
+const NAMES: [&str; 14] = [
     "colorSpace:name",
     TRANSLATE,
     ORDER,
@@ -105,6 +114,8 @@ const NAMES: [&str; 12] = [
     "sortingModeHint",
     "radiance:sphericalHarmonicsDegree",
     "radiance:sphericalHarmonicsCoefficients",
+    GAIN,
+    TRAINED,
 ];
 
 /// The particle fields of a file, and the record of the bake in it.
@@ -112,6 +123,7 @@ const NAMES: [&str; 12] = [
 pub(in crate::usd) struct FoundField {
     pub(in crate::usd) fields: Vec<Field>,
     pub(in crate::usd) record: Option<String>,
+    pub(in crate::usd) unshown: Unshown,
 }
 
 /// An error of a file, and whether the file is right but not supported.
@@ -143,7 +155,19 @@ pub(in crate::usd) fn read(bytes: &[u8]) -> Result<FoundField, BinaryError> {
     let classes: Vec<&str> = prims().filter(|s| file.specifier(s) == Some(CLASS)).map(|s| s.path.as_str()).collect();
     let is_template = |path: &str| around(path).any(|prim| classes.contains(&prim));
     let is_field = |s: &&Spec| file.token(s, "typeName") == Some(PRIM_TYPE) && !is_template(&s.path);
-    let owners: Vec<&str> = prims().filter(is_field).map(|s| s.path.as_str()).collect();
+    let hidden = hidden_prims(&file);
+    let mut unshown = Unshown::default();
+    if specs.iter().any(|s| s.path.contains('{') || ARC_FIELDS.iter().any(|arc| file.tables.field(s, arc).is_some())) {
+        unshown.compose();
+    }
+    let mut owners: Vec<&str> = prims().filter(is_field).map(|s| s.path.as_str()).collect();
+    owners.retain(|path| match around(path).find_map(|prim| hidden.get(prim)) {
+        Some(reason) => {
+            unshown.hide(*reason, 1);
+            false
+        }
+        None => true,
+    });
     if owners.len() > MAX_PARTS {
         let message = format!("{} prims of type {PRIM_TYPE}, expected at most {MAX_PARTS}; join them first", owners.len());
         return Err(unsupported(message));
@@ -167,7 +191,33 @@ pub(in crate::usd) fn read(bytes: &[u8]) -> Result<FoundField, BinaryError> {
     let fields = placed.collect();
     let root = specs.iter().find(|s| s.kind == spec::PSEUDO_ROOT);
     let record = root.map(|root| file.text_in_dictionary(root, "customLayerData", RECORD_KEY)).transpose()?.flatten();
-    Ok(FoundField { record: record.map(str::to_owned), fields })
+    Ok(FoundField { record: record.map(str::to_owned), fields, unshown })
+}
+
+/// Fields of specs by which other layers and parts are composed into them.
+const ARC_FIELDS: [&str; 6] = ["references", "payload", "inheritPaths", "specializes", "variantSelection", "subLayers"];
+
+/// Returns the prims that hide themselves and all below them.
+fn hidden_prims<'f>(file: &'f CrateReader<'_>) -> HashMap<&'f str, Hidden> {
+    let mut hidden = HashMap::new();
+    for spec in &file.tables.specs {
+        let found = if spec.kind == spec::PRIM {
+            let is_instancer = file.token(spec, "typeName") == Some(INSTANCER);
+            let inactive = file.is_false(spec, "active").then_some(Hidden::Inactive);
+            inactive.or(is_instancer.then_some(Hidden::Prototype)).map(|reason| (spec.path.as_str(), reason))
+        } else {
+            let attribute = spec.path.rsplit_once('.').filter(|_| spec.kind == spec::ATTRIBUTE);
+            attribute.and_then(|(owner, name)| {
+                // Most attributes are of no concern here.
+                let value = file.token(spec, "default").filter(|_| matches!(name, "visibility" | "purpose"))?;
+                Some((owner, Hidden::by_attribute(name, value)?))
+            })
+        };
+        if let Some((prim, reason)) = found {
+            hidden.entry(prim).or_insert(reason);
+        }
+    }
+    hidden
 }
 
 /// Takes an attribute of the field.

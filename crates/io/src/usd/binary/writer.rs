@@ -64,6 +64,16 @@ pub(super) struct CrateWriter<W> {
     attributes: Vec<String>,
 }
 
+/// A kind of attribute.
+pub(super) enum Form {
+    /// One of the schema that may change over time.
+    Varying,
+    /// One of the schema that does not change over time.
+    Uniform,
+    /// One of no schema.
+    Custom,
+}
+
 /// A field of a spec.
 pub(super) struct FieldValue {
     name: &'static str,
@@ -174,7 +184,17 @@ impl<W: Write> CrateWriter<W> {
     }
 
     /// Writes an array of `count` entries of floats in blocks, and returns its value.
-    pub(super) fn floats(&mut self, kind: u8, count: usize, mut entry: impl FnMut(usize, &mut Vec<u8>)) -> io::Result<ValueRep> {
+    pub(super) fn floats(&mut self, kind: u8, count: usize, entry: impl FnMut(usize, &mut Vec<u8>)) -> io::Result<ValueRep> {
+        self.rows(kind, [count, 1], entry)
+    }
+
+    /// Writes an array of rows, each of so many entries of floats, as [`Self::floats`] does.
+    pub(super) fn rows(
+        &mut self,
+        kind: u8,
+        [count, entries]: [usize; 2],
+        mut row: impl FnMut(usize, &mut Vec<u8>),
+    ) -> io::Result<ValueRep> {
         if count == 0 {
             return Ok(ValueRep::array_at(kind, 0));
         }
@@ -182,10 +202,10 @@ impl<W: Write> CrateWriter<W> {
         let padding = (8 - self.at % 8) % 8;
         self.write(&[0; 8][..padding as usize])?;
         let at = self.at;
-        self.write(&(count as u64).to_le_bytes())?;
+        self.write(&((count * entries) as u64).to_le_bytes())?;
         let mut block = Vec::with_capacity(BLOCK + 1024);
         for i in 0..count {
-            entry(i, &mut block);
+            row(i, &mut block);
             if block.len() >= BLOCK {
                 self.write(&block)?;
                 block.clear();
@@ -218,10 +238,12 @@ impl<W: Write> CrateWriter<W> {
     }
 
     /// Adds an attribute of the prim.
-    pub(super) fn attribute(&mut self, name: &str, kind: &str, is_uniform: bool, value: ValueRep) {
+    pub(super) fn attribute(&mut self, name: &str, kind: &str, form: Form, value: ValueRep) {
         let mut fields = vec![FieldValue::new("typeName", self.token(kind))];
-        if is_uniform {
-            fields.push(FieldValue::new("variability", ValueRep::inlined(kind::VARIABILITY, 1)));
+        match form {
+            Form::Varying => {}
+            Form::Uniform => fields.push(FieldValue::new("variability", ValueRep::inlined(kind::VARIABILITY, 1))),
+            Form::Custom => fields.push(FieldValue::new("custom", ValueRep::inlined(kind::BOOL, 1))),
         }
         fields.push(FieldValue::new("default", value));
         self.attributes.push(name.to_owned());

@@ -43,7 +43,7 @@ fn written_cameras_are_read_back() {
             distortion: luxel_core::Distortion::default(),
             projection: luxel_core::CameraProjection::Pinhole,
         };
-        PathCamera { name: format!("{i} a"), camera }
+        PathCamera { focus_distance: Some(0.5 * f64::from(i + 1)), ..PathCamera::new(format!("{i} a"), camera) }
     };
     let written = StageCameras { cameras: (0..3).map(camera).collect(), metres_per_unit: Some(0.3), is_z_up: true };
     let read = |motion| {
@@ -57,6 +57,7 @@ fn written_cameras_are_read_back() {
     for found in [&still, &moving] {
         assert_eq!((found.metres_per_unit, found.is_z_up), (Some(0.3), true));
         for (found, written) in found.cameras.iter().zip(&written.cameras) {
+            assert_eq!(found.focus_distance, written.focus_distance);
             let (found, written) = (&found.camera, &written.camera);
             assert_eq!(found.size_px, written.size_px);
             assert!((found.focal_px - written.focal_px).length() < 1e-5 && (found.center_px - written.center_px).length() < 1e-5);

@@ -128,16 +128,22 @@ impl Session<'_> {
             vignetting,
             splits,
         };
-        files::write_json(&self.folder.metrics(), schema::METRICS, &metrics)?;
+        self.publish(&metrics, &images)
+    }
+
+    /// Writes metrics and report, and tells of them; returns the PSNR of the test views.
+    fn publish(&self, metrics: &Metrics, images: &Path) -> Result<Option<f64>> {
+        let iteration = metrics.iterations;
+        files::write_json(&self.folder.metrics(), schema::METRICS, metrics)?;
         if !metrics.vignetting.is_empty() {
             self.observer.note(&format!("vignetting after {iteration} steps: {}", vignetting_text(&metrics.vignetting)));
         }
-        if finished {
-            report::write(self.folder, self.config, self.dataset, report::Evaluated { metrics: &metrics, images: &images })?;
+        if self.trainer.is_finished() {
+            report::write(self.folder, self.config, self.dataset, report::Evaluated { metrics, images })?;
         }
         let psnr = metrics.splits.get("test").map(|split| split.mean.psnr_scene);
         // Last: it marks the evaluation as complete.
-        files::write_json(&images.join("metrics.json"), schema::METRICS, &metrics)?;
+        files::write_json(&images.join("metrics.json"), schema::METRICS, metrics)?;
         for (name, split) in &metrics.splits {
             let mean = split.mean;
             let (split, views) = (name.clone(), split.views.len());

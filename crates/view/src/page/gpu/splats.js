@@ -17,7 +17,7 @@ import { fromHalf } from "../half.js";
  * @property {number} activeDegree
  * @property {[number, number, number]} background normalised units
  */
-/** @typedef {{ splats: number, colorModel: string, parameters: number, rows: ("f32" | "f16")[], radianceScale: number, depthUnit: number, options: Options }} Head */
+/** @typedef {{ splats: number, colorModel: string, parameters: number, rows: ("f32" | "f16")[], isDisplay: boolean, radianceScale: number, depthUnit: number, options: Options }} Head */
 /** Splats: `row(n)` reads one parameter of all of them. @typedef {{ head: Head, row: (n: number) => Float32Array | Uint16Array }} Splats */
 
 /** Numbers of half or single precision. @typedef {"f32" | "f16"} Kind */
