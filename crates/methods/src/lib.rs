@@ -3,8 +3,8 @@
 //!
 //! Fields and anchors are a [`luxel_train::Reconstruction`], which a run drives as it drives
 //! splats. Methods on splats are a [`luxel_train::StepMethod`], which a [`luxel_train::Trainer`]
-//! asks for its steps; [`CapturedMethods`] makes them. Equal inputs and seed give equal bits for any number
-//! of threads. Sources and deviations from what was published:
+//! asks for its steps; [`CapturedMethods`] makes them. Equal inputs and seed give equal bits for
+//! any number of threads. Sources and deviations from what was published:
 //! `docs/src/guide/published-methods.md` and `docs/src/guide/radiance-fields.md`.
 
 mod anchors;

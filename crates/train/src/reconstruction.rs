@@ -82,7 +82,6 @@ pub enum SceneContent {
 }
 
 /// The state of a run as its checkpoint stores it.
-#[expect(clippy::large_enum_variant, reason = "one for each checkpoint, written at once")]
 pub enum SavedRun<'a> {
     /// The state of a training of splats, to be read piece by piece.
     Splats(Box<RunState<'a>>),

@@ -21,22 +21,20 @@ mod start;
 use std::path::Path;
 
 #[cfg(not(feature = "methods"))]
-use absent as parts;
+pub(crate) use absent::{Checkpoint, open_dataset, resume, seconds_per_step, start};
+#[cfg(not(feature = "methods"))]
+pub use absent::{ImplicitScene, newest_scene};
 use luxel_core::Engine;
 use luxel_train::{ANCHOR_FORMAT, FIELD_FORMAT, Method};
-pub(crate) use parts::{Checkpoint, open_dataset, resume, seconds_per_step, start};
-pub use parts::{ImplicitScene, newest_scene};
+#[cfg(feature = "methods")]
+pub use newest::newest_scene;
+#[cfg(feature = "methods")]
+pub use scene::ImplicitScene;
+#[cfg(feature = "methods")]
+pub(crate) use start::{Checkpoint, open_dataset, resume, seconds_per_step, start};
 
 use crate::run::{RunConfig, RunFolder};
 use crate::{DeviceOptions, Error, Remedy, Result, SelectedEngine};
-
-/// The parts that the feature `methods` has.
-#[cfg(feature = "methods")]
-mod parts {
-    pub use super::newest::newest_scene;
-    pub use super::scene::ImplicitScene;
-    pub(crate) use super::start::{Checkpoint, open_dataset, resume, seconds_per_step, start};
-}
 
 /// The means of a training on the processor.
 #[cfg_attr(not(feature = "methods"), expect(dead_code, reason = "what is refused uses nothing"))]

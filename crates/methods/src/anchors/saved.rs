@@ -5,7 +5,7 @@
 //! finite are errors that name them.
 
 use luxel_core::ColorModel;
-use luxel_train::{Method, MethodState, TrainError, ViewState};
+use luxel_train::{Method, MethodState, TrainError, ViewState, ViewTraining};
 use serde::{Deserialize, Serialize};
 
 use super::decoders::Decoders;
@@ -13,7 +13,6 @@ use super::groups::{GROUPS, Groups, NAMES, numbers};
 use super::numbers::check_numbers;
 use super::scene::{AnchorScene, Anchors};
 use super::statistics::Statistics;
-use super::trainer::AnchorTrainer;
 use super::{FEATURE, OFFSETS, SCALES, SPLATS_PER_ANCHOR};
 use crate::captured::{Adam, GaussTone, SharedNetworks};
 
@@ -51,11 +50,14 @@ pub(super) struct Saved {
     pub(super) progress: Progress,
 }
 
-/// All but the scene, and what any training on views has.
+/// All that anchors train besides the scene and what any training on views has.
 pub(super) struct Progress {
     pub(super) groups: Groups,
     pub(super) statistics: Statistics,
+    /// Side of a voxel, world units.
     pub(super) voxel: f32,
+    /// Mean of the trained numbers over the steps so far, while it is being taken, one after
+    /// another.
     pub(super) average: Option<Vec<f32>>,
     /// The tone networks of GaussHDR.
     pub(super) tone: Option<Box<GaussTone>>,
@@ -123,9 +125,8 @@ fn moments_name(order: &str, group: usize) -> String {
 }
 
 /// Writes a run.
-pub(super) fn write(trainer: &AnchorTrainer) -> Result<AnchorSnapshot, TrainError> {
-    let AnchorTrainer { groups, statistics, voxel, average, tone, .. } = trainer;
-    let scene = trainer.scene();
+pub(super) fn write(scene: &AnchorScene, views: &ViewTraining, progress: &Progress) -> Result<AnchorSnapshot, TrainError> {
+    let Progress { groups, statistics, voxel, average, tone } = progress;
     let mut arrays = scene.arrays();
     for (group, adam) in groups.adam.iter().enumerate() {
         for (order, values) in ["first", "second"].into_iter().zip(adam.moments()) {
@@ -140,7 +141,7 @@ pub(super) fn write(trainer: &AnchorTrainer) -> Result<AnchorSnapshot, TrainErro
         arrays.push(AnchorArray { name: AVERAGE.to_owned(), width: 1, values: average.clone() });
     }
     let networks = tone.clone().map(|tone| MethodState::of(&SharedNetworks::GaussHdrAnchors(tone))).transpose()?;
-    let description = Description { voxel: *voxel, trainer: trainer.views.to_json(networks)? };
+    let description = Description { voxel: *voxel, trainer: views.to_json(networks)? };
     let state_json = serde_json::to_string(&description).map_err(|error| TrainError::State(error.to_string()))?;
     Ok(AnchorSnapshot { color_model: scene.color_model(), arrays, state_json })
 }

@@ -31,16 +31,8 @@ const LARGEST_PART: f32 = 0.25;
 pub struct AnchorTrainer {
     /// The anchors, and the engine that steps and renders use in turn.
     renderer: AnchorEngine,
-    pub(super) views: ViewTraining,
-    pub(super) groups: Groups,
-    pub(super) statistics: Statistics,
-    /// Side of a voxel, world units.
-    pub(super) voxel: f32,
-    /// Mean of the trained numbers over the steps so far, while it is being taken, one after
-    /// another.
-    pub(super) average: Option<Vec<f32>>,
-    /// The tone networks of GaussHDR.
-    pub(super) tone: Option<Box<GaussTone>>,
+    views: ViewTraining,
+    progress: Progress,
 }
 
 /// Checks that the method trains anchors, and that the data set has what it trains on.
@@ -73,7 +65,7 @@ impl AnchorTrainer {
         let views = ViewTraining::new(dataset, config, radiance_scale, &scene.anchors.position)?;
         tracing::info!(anchors = scene.anchors.len(), limit, voxel, extent = views.schedule().extent, "initialised");
         let renderer = AnchorEngine::new(scene, engine);
-        Ok(Self { renderer, views, groups, statistics, voxel, average: None, tone })
+        Ok(Self { renderer, views, progress: Progress { groups, statistics, voxel, average: None, tone } })
     }
 
     /// Resumes the run that `snapshot` was taken of, with the configuration of that run.
@@ -84,8 +76,7 @@ impl AnchorTrainer {
         let Saved { state, scene, progress } = Saved::read(snapshot)?;
         let views = ViewTraining::resume(dataset, state)?;
         check(dataset, views.config())?;
-        let Progress { groups, statistics, voxel, average, tone } = progress;
-        Ok(Self { renderer: AnchorEngine::new(scene, engine), views, groups, statistics, voxel, average, tone })
+        Ok(Self { renderer: AnchorEngine::new(scene, engine), views, progress })
     }
 
     /// Returns the configuration in force.
@@ -126,7 +117,7 @@ impl AnchorTrainer {
     /// Returns the response of the camera that captured the training images, or `None` if the
     /// images are radiance.
     pub fn response(&self) -> Option<Knots> {
-        self.views.response().or_else(|| Some(self.tone.as_ref()?.response()))
+        self.views.response().or_else(|| Some(self.progress.tone.as_ref()?.response()))
     }
 
     /// Sets the step after which the run ends. The schedule stays as planned at the start. A mean
@@ -143,7 +134,7 @@ impl AnchorTrainer {
     /// # Errors
     /// [`TrainError::State`] if the state has no form as text.
     pub fn snapshot(&self) -> Result<AnchorSnapshot, TrainError> {
-        super::saved::write(self)
+        super::saved::write(self.scene(), &self.views, &self.progress)
     }
 
     fn step_config(&self, step: u32) -> StepConfig {
@@ -173,12 +164,12 @@ impl AnchorTrainer {
         let step = self.iteration().saturating_add(1);
         let index = self.views.next_view();
         let step_config = self.step_config(step);
-        let Self { renderer: AnchorEngine { scene, engine }, views, tone, .. } = self;
+        let Self { renderer: AnchorEngine { scene, engine }, views, progress } = self;
         let StepView { view, config, radiance_scale, planned_iterations } = views.look(step, index)?;
         let mut decoded = scene.decode(&view.camera, step_config.render.raster.cutoffs.near);
         engine.load(&decoded.splats, None)?;
         let method_step = MethodStep { train: config, engine: &step_config, radiance_scale, planned_iterations };
-        let Found { report, gradients, by_context } = match tone {
+        let Found { report, gradients, by_context } = match &mut progress.tone {
             Some(tone) => channel_gradients(&mut **engine, tone, view, &decoded, method_step)?,
             None => {
                 let (report, gradients) = engine.view_gradients(view, &step_config)?;
@@ -191,10 +182,10 @@ impl AnchorTrainer {
         let by_splats = SplatGradients::new(&gradients, decoded.splats.len());
         engine.reuse_gradients(gradients);
         let by_scene = decoded.backward(scene, &by_splats, &by_context);
-        self.groups.update(scene, &by_scene, views.progress(step));
+        progress.groups.update(scene, &by_scene, views.progress(step));
         views.learn_response(step, &report);
         if step_config.stats != StatsCollection::Off {
-            self.statistics.add(&decoded, &by_splats);
+            progress.statistics.add(&decoded, &by_splats);
         }
         self.grow(step)?;
         self.average(step);
@@ -209,7 +200,7 @@ impl AnchorTrainer {
         }
         let config = self.config();
         let rules = GrowthRules {
-            voxel: self.voxel,
+            voxel: self.progress.voxel,
             interval: schedule.densify_interval,
             threshold: config.densify_threshold,
             prune_opacity: config.prune_opacity,
@@ -218,7 +209,7 @@ impl AnchorTrainer {
             largest: LARGEST_PART * schedule.extent,
             seed: self.views.noise_seed(step),
         };
-        let Changes { added, pruned } = grow(&mut self.renderer.scene, &mut self.groups, &mut self.statistics, &rules);
+        let Changes { added, pruned } = grow(&mut self.renderer.scene, &mut self.progress.groups, &mut self.progress.statistics, &rules);
         tracing::debug!(step, added, pruned, anchors = self.scene().anchors.len(), "growth");
         if self.scene().anchors.is_empty() {
             return Err(TrainError::AllPruned { step });
@@ -231,15 +222,15 @@ impl AnchorTrainer {
     fn average(&mut self, step: u32) {
         if !self.views.schedule().is_averaging(step) {
             // These steps are no longer among the last ones, because the end was moved.
-            self.average = None;
+            self.progress.average = None;
             self.views.set_averaged(0);
         }
         if self.views.schedule().averages_after(step) {
             let count = self.views.averaged() + 1;
             let now = numbers(self.scene()).concat();
-            match &mut self.average {
+            match &mut self.progress.average {
                 Some(mean) => mean.iter_mut().zip(now).for_each(|(mean, value)| *mean += (value - *mean) / count as f32),
-                None => self.average = Some(now),
+                None => self.progress.average = Some(now),
             }
             self.views.set_averaged(count);
             if step == self.views.schedule().end {
@@ -249,7 +240,7 @@ impl AnchorTrainer {
     }
 
     fn load_average(&mut self) {
-        if let Some(mean) = self.average.take() {
+        if let Some(mean) = self.progress.average.take() {
             let mut rest = &mean[..];
             for group in numbers_mut(&mut self.renderer.scene) {
                 let (own, others) = rest.split_at(group.len());

@@ -10,10 +10,10 @@ use luxel_core::{Camera, Image, Layers};
 use luxel_lanes::Level;
 use rayon::prelude::*;
 
-use crate::field::radiance_field::Field;
 use crate::field::lift::Lifts;
 use crate::field::march::{March, Spacing};
 use crate::field::networks::{Room, Samples, from_blocks};
+use crate::field::radiance_field::Field;
 use crate::field::sampling::MIN_TRANSMITTANCE;
 
 /// Pixels that a thread renders at a time.

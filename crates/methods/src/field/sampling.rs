@@ -6,10 +6,10 @@
 
 use fearless_simd::Simd;
 
-use crate::field::radiance_field::Field;
 use crate::field::head::MAX_CHANNELS;
 use crate::field::march::{Interval, March, Spacing};
 use crate::field::networks::{Room, Samples, position_blocks};
+use crate::field::radiance_field::Field;
 use crate::field::space::Ray;
 use crate::networks::Lanes;
 

@@ -7,11 +7,11 @@
 use fearless_simd::Simd;
 
 use crate::field::compare::{CompareRoom, Comparison};
-use crate::field::radiance_field::Field;
 use crate::field::head::MAX_CHANNELS;
 use crate::field::lift::Lifts;
 use crate::field::networks::{Room, Samples, from_blocks, into_blocks};
 use crate::field::options::FieldConfig;
+use crate::field::radiance_field::Field;
 use crate::field::raw::ColoredSamples;
 use crate::field::sampling::{Sampling, TrainingRay};
 use crate::field::volume::{Composited, Intervals, composite};

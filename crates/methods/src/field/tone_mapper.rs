@@ -12,8 +12,8 @@ use luxel_core::response::exposure_of_knot;
 use luxel_core::{Knots, RESPONSE_KNOTS};
 
 use crate::field::adam::{Moving, Rate};
-use crate::field::radiance_field::Field;
 use crate::field::head::{ColorHead, Head, fill_inputs};
+use crate::field::radiance_field::Field;
 use crate::field::raw::{RAW, logistic};
 use crate::networks::Activations;
 use crate::networks::LANES;

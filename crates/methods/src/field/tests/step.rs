@@ -5,9 +5,9 @@ use luxel_lanes::Level;
 
 use super::oracle::{self, difference};
 use super::{SMALL, assert_close, numbers, wide};
-use crate::field::radiance_field::Field;
 use crate::field::networks::Networks;
 use crate::field::occupancy::Occupancy;
+use crate::field::radiance_field::Field;
 use crate::field::sampling::TrainingRay;
 use crate::field::space::Ray;
 use crate::field::task::{StepContext, Task, TaskRoom};
