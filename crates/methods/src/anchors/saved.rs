@@ -125,7 +125,7 @@ fn moments_name(order: &str, group: usize) -> String {
 }
 
 /// Writes a run.
-pub(super) fn write(scene: &AnchorScene, views: &ViewTraining, progress: &Progress) -> Result<AnchorSnapshot, TrainError> {
+pub(super) fn write(scene: &AnchorScene, training: &ViewTraining, progress: &Progress) -> Result<AnchorSnapshot, TrainError> {
     let Progress { groups, statistics, voxel, average, tone } = progress;
     let mut arrays = scene.arrays();
     for (group, adam) in groups.adam.iter().enumerate() {
@@ -141,7 +141,7 @@ pub(super) fn write(scene: &AnchorScene, views: &ViewTraining, progress: &Progre
         arrays.push(AnchorArray { name: AVERAGE.to_owned(), width: 1, values: average.clone() });
     }
     let networks = tone.clone().map(|tone| MethodState::of(&SharedNetworks::GaussHdrAnchors(tone))).transpose()?;
-    let description = Description { voxel: *voxel, trainer: views.to_json(networks)? };
+    let description = Description { voxel: *voxel, trainer: training.to_json(networks)? };
     let state_json = serde_json::to_string(&description).map_err(|error| TrainError::State(error.to_string()))?;
     Ok(AnchorSnapshot { color_model: scene.color_model(), arrays, state_json })
 }
