@@ -14,6 +14,7 @@ pub fn features() -> Vec<&'static str> {
         ("gpu", cfg!(feature = "gpu")),
         ("jpeg-xl", cfg!(feature = "jpeg-xl")),
         ("markers", cfg!(feature = "markers")),
+        ("methods", cfg!(feature = "methods")),
         ("ocio", cfg!(feature = "ocio")),
     ];
     all.into_iter().filter(|(_, is_there)| *is_there).map(|(name, _)| name).collect()

@@ -11,6 +11,8 @@
 //!   set.
 //! - [`Device`] chooses what computes: the processor or a GPU.
 //!
+//! The feature `methods`, off by default, adds published methods to compare with.
+//!
 //! Two mistakes are impossible: a scene renders with its own raster settings, and images in
 //! normalised units stay inside of the crate.
 //!
@@ -86,6 +88,7 @@ pub mod schema;
 pub mod sight;
 pub mod solids;
 pub mod stage;
+mod step_methods;
 pub mod study;
 pub mod synthetic;
 pub mod text;

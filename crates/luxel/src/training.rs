@@ -15,6 +15,7 @@ use luxel_train::{LensVignetting, Method, PoseReport, Preset, TrainConfig, Train
 
 use crate::device::SelectedEngine;
 use crate::error::Context;
+use crate::step_methods::{check_is_built, means_of};
 use crate::{Dataset, DeviceOptions, Radiance, Result, Scene};
 
 /// Numbers of one step.
@@ -116,8 +117,8 @@ impl<'a> TrainingBuilder<'a> {
         let config = self.resolved();
         let engine = open_engine(self.dataset, &self.device, &config)?;
         let trainer = match self.from {
-            None => Trainer::new(self.dataset, config, engine),
-            Some(scene) => Trainer::from_scene(self.dataset, scene, config, engine),
+            None => Trainer::new(self.dataset, config, means_of(engine)),
+            Some(scene) => Trainer::from_scene(self.dataset, scene, config, means_of(engine)),
         };
         let trainer = trainer.context("cannot start training")?;
         Ok(Training::new(trainer, self.dataset))
@@ -133,7 +134,8 @@ impl<'a> TrainingBuilder<'a> {
         let snapshot = luxel_io::read_checkpoint(path).context("cannot read the checkpoint")?;
         let config = luxel_train::snapshot_config(&snapshot)?;
         let engine = open_engine(self.dataset, &self.device, &config)?;
-        let mut trainer = Trainer::resume(self.dataset, snapshot, engine).with_context(|| format!("{}: cannot resume", path.display()))?;
+        let mut trainer =
+            Trainer::resume(self.dataset, snapshot, means_of(engine)).with_context(|| format!("{}: cannot resume", path.display()))?;
         if let Some(steps) = self.steps {
             let made = trainer.iteration();
             crate::error::ensure!(steps >= made, "{steps} steps: {made} are made already; give at least as many");
@@ -157,6 +159,7 @@ impl<'a> TrainingBuilder<'a> {
 }
 
 fn open_engine(dataset: &Dataset, device: &DeviceOptions, config: &TrainConfig) -> Result<Box<dyn luxel_core::Engine>> {
+    check_is_built(config.method)?;
     let learns_response = dataset.train.iter().any(|view| view.values != luxel_core::PixelValues::Radiance);
     Ok(SelectedEngine::for_training(device, learns_response || config.method.has_own_steps() || config.packs_moments())?.engine)
 }

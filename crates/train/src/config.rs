@@ -7,6 +7,7 @@
 mod choices;
 mod field_network;
 mod options;
+mod own_steps;
 mod preset;
 mod range;
 mod spec;

@@ -135,6 +135,14 @@ pub enum TrainError {
         /// The step, 1 for the first.
         step: u32,
     },
+    /// A method refuses the options or the data.
+    #[error("{message}")]
+    Refused {
+        /// The values found and those expected.
+        message: String,
+        /// The remedy.
+        remedy: Remedy,
+    },
     /// A part of a method that has errors of its own failed.
     #[error(transparent)]
     Method(Box<dyn std::error::Error + Send + Sync>),
@@ -180,7 +188,7 @@ impl TrainError {
         match self {
             Self::Engine(error) => error.remedy(),
             Self::Read(error) => error.remedy.as_ref(),
-            Self::Misplaced { remedy, .. } | Self::NeedsScene { remedy, .. } => Some(remedy),
+            Self::Misplaced { remedy, .. } | Self::NeedsScene { remedy, .. } | Self::Refused { remedy, .. } => Some(remedy),
             Self::Scene { remedy, .. } => remedy.as_ref(),
             Self::AllBlack => Some(&ALL_BLACK),
             Self::MixedValues { .. } => Some(&MIXED_VALUES),
@@ -207,7 +215,8 @@ impl TrainError {
         Self::Misplaced { option: option.name, condition, remedy }
     }
 
-    pub(crate) fn config(option: &'static str, reason: impl Into<String>) -> Self {
+    /// Returns the error of an option's value.
+    pub fn config(option: &'static str, reason: impl Into<String>) -> Self {
         Self::Config { option, reason: reason.into() }
     }
 }

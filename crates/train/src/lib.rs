@@ -6,7 +6,6 @@
 //! bit for bit.
 
 mod ahead;
-mod anchors;
 mod average;
 mod camera_response;
 mod config;
@@ -19,7 +18,6 @@ mod gains;
 mod init;
 mod lenses;
 mod neighbourhood;
-mod peers;
 mod pixel_weights;
 mod poses;
 mod reconstruction;
@@ -32,15 +30,17 @@ mod schedule;
 mod smoothing;
 mod start_views;
 mod state;
+mod step_method;
 #[cfg(test)]
 mod testing;
 mod trainer;
+mod turn;
 mod validation_views;
 mod view_order;
+mod view_training;
 mod views;
 mod vignetting;
 
-pub use anchors::{AnchorArray, AnchorEngine, AnchorScene, AnchorSnapshot, AnchorTrainer, Anchors, SPLATS_PER_ANCHOR};
 pub use config::{
     BatchRule, Condition, CutoffPreset, ExposureCompensation, FieldLoss, FieldNetworkChoice, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED,
     MCMC_DEFAULT_MAX_SPLATS, Method, Misplaced, NamedChoice, OPTIONS, OptionSpec, Preset, Range, ScaleRule, Strategy, TrainConfig,
@@ -48,18 +48,19 @@ pub use config::{
 };
 pub use contribution::add_contribution;
 pub use error::TrainError;
-pub use init::{Initial, first_colors_bytes, initialise, radiance_scale_of, start_scale, stereo_bytes};
+pub use init::{Initial, first_colors_bytes, initialise, radiance_scale_of, spacing, start_scale, stereo_bytes};
 pub use neighbourhood::Neighbourhood;
-pub use peers::{ToneMapperRecord, one_exposure};
 pub use pixel_weights::NoiseChoice;
 pub use poses::{ALIGNMENT_STEPS, AlignmentScene, PoseChange, PoseReport, align_camera, pose_change};
-pub use reconstruction::{ArrayFile, FileArray, Reconstruction, SavedRun, SceneContent, SceneSize};
+pub use reconstruction::{ANCHOR_FORMAT, ArrayFile, FIELD_FORMAT, FileArray, Reconstruction, SavedRun, SceneContent, SceneSize};
 pub use reduce::RankViews;
 pub use resolution::{ResolutionSchedule, Stage};
 pub use schedule::{ABSGRAD_OPACITY_CAP, RESET_OPACITY, Schedule};
 pub use smoothing::smoothing;
 pub use state::{snapshot_config, snapshot_response, snapshot_vignetting};
+pub use step_method::{MethodState, MethodStep, NoMethods, StepImages, StepMethod, StepMethods, ToneMapperRecord, TrainingMeans};
 pub use trainer::{RunState, Trainer, lifted_engine, snapshot_scene};
+pub use view_training::{StepView, ViewState, ViewTraining, first_splats, train_px};
 pub use vignetting::LensVignetting;
 
 /// The example of the crate's README, compiled as a doc test.

@@ -9,8 +9,7 @@
 
 use luxel_core::{Camera, Engine, Knots, RadianceScale, RenderOptions, Scene, StepReport};
 
-use crate::peers::ToneMapperRecord;
-use crate::{LensVignetting, PoseReport, RunState, TrainConfig, TrainError, Trainer};
+use crate::{LensVignetting, PoseReport, RunState, ToneMapperRecord, TrainConfig, TrainError, Trainer};
 
 /// The numbers of parts of a scene in training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,6 +56,11 @@ pub struct FileArray {
     pub values: Vec<f32>,
 }
 
+/// The kind of files of arrays that hold a radiance field.
+pub const FIELD_FORMAT: &str = "luxel-field";
+/// The kind of files of arrays that hold anchors.
+pub const ANCHOR_FORMAT: &str = "luxel-anchors";
+
 /// The content of a file of named arrays.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArrayFile {
@@ -78,10 +82,9 @@ pub enum SceneContent {
 }
 
 /// The state of a run as its checkpoint stores it.
-#[expect(clippy::large_enum_variant, reason = "one for each checkpoint, written at once")]
 pub enum SavedRun<'a> {
     /// The state of a training of splats, to be read piece by piece.
-    Splats(RunState<'a>),
+    Splats(Box<RunState<'a>>),
     /// The state of another training.
     Arrays(ArrayFile),
 }
@@ -251,7 +254,7 @@ impl Reconstruction for Trainer {
     }
 
     fn saved(&mut self) -> Result<SavedRun<'_>, TrainError> {
-        Ok(SavedRun::Splats(self.saved_state()?))
+        Ok(SavedRun::Splats(Box::new(self.saved_state()?)))
     }
 
     fn downscale(&self) -> u32 {

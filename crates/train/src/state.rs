@@ -10,9 +10,9 @@ use crate::camera_response::CameraResponse;
 use crate::config::ExposureCompensation;
 use crate::crop::Crop;
 use crate::gains::Gains;
-use crate::peers::SharedNetworks;
 use crate::poses::{Corrections, Poses};
 use crate::recorded::is_recorded;
+use crate::step_method::{MethodState, StepMethods, resumed};
 use crate::validation_views::Fit;
 use crate::view_order::{Cursors, first_order};
 use crate::vignetting::{LensVignetting, Lenses, Vignettings};
@@ -54,9 +54,9 @@ pub(crate) struct State {
     /// Vignetting of the training images' lenses; `None` if it is not optimised.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) vignetting: Option<Vignettings>,
-    /// Networks that all splats share; `None` for methods without any.
+    /// Numbers that a method trains beside splats, in a checkpoint alone; `None` for most methods.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) networks: Option<SharedNetworks>,
+    pub(crate) networks: Option<MethodState>,
     /// Corrections of the training images' poses; `None` if they are fixed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) poses: Option<Corrections>,
@@ -85,8 +85,6 @@ pub(crate) struct Start {
     pub(crate) extent: f32,
     pub(crate) radiance_scale: RadianceScale,
     pub(crate) response: Option<CameraResponse>,
-    /// Number of splats.
-    pub(crate) splats: usize,
     /// Radius of free space of each training view's camera, world units; empty if splats may be
     /// anywhere.
     pub(crate) clearances: Vec<f32>,
@@ -94,7 +92,7 @@ pub(crate) struct Start {
 
 impl State {
     pub(crate) fn new(dataset: &Dataset, start: Start) -> Self {
-        let Start { config, extent, radiance_scale, response, splats, clearances } = start;
+        let Start { config, extent, radiance_scale, response, clearances } = start;
         let (order, cursor) = first_order(dataset.train.len(), config.batch as usize);
         let gains = (config.exposure_compensation != ExposureCompensation::Off).then(|| Gains::ones(dataset.train.len()));
         Self {
@@ -109,7 +107,7 @@ impl State {
             gains,
             response,
             vignetting: config.vignetting.then(|| Vignettings::none(&Lenses::new(dataset))),
-            networks: SharedNetworks::new(&config, dataset, splats),
+            networks: None,
             poses: config.refine_poses.then(|| Corrections::none(&poses_of(dataset, extent), config.refine_focal)),
             clearances,
             fit: None,
@@ -155,8 +153,9 @@ impl State {
         Pcg64Mcg::seed_from_u64(self.config.seed ^ (u64::from(step) << 32) ^ DROPOUT_STREAM).random()
     }
 
-    pub(crate) fn to_json(&self) -> Result<String, TrainError> {
-        serde_json::to_string(self).map_err(|error| TrainError::State(error.to_string()))
+    /// Returns the state as text, with what a method trains beside splats.
+    pub(crate) fn to_json(&self, networks: Option<MethodState>) -> Result<String, TrainError> {
+        serde_json::to_string(&Self { networks, ..self.clone() }).map_err(|error| TrainError::State(error.to_string()))
     }
 
     /// Reads the state of a snapshot and checks it against the data set that the run resumes with.
@@ -183,7 +182,6 @@ impl State {
         if state.vignetting.is_some() != state.config.vignetting {
             return Err(TrainError::State("vignetting is missing, or is there without being asked for".to_owned()));
         }
-        SharedNetworks::validate(state.networks.as_ref(), &state.config, snapshot.scene.splats.len())?;
         if let Some(corrections) = &state.poses {
             corrections.validate(&poses_of(dataset, state.extent), state.config.refine_focal)?;
         }
@@ -246,14 +244,14 @@ pub fn snapshot_config(snapshot: &Snapshot) -> Result<TrainConfig, TrainError> {
 ///
 /// # Errors
 /// Returns [`TrainError::State`] if the state cannot be read.
-pub fn snapshot_response(snapshot: &Snapshot) -> Result<Option<Knots>, TrainError> {
+pub fn snapshot_response(snapshot: &Snapshot, methods: &dyn StepMethods) -> Result<Option<Knots>, TrainError> {
     let State { response, networks, config, .. } = State::parse(&snapshot.state_json)?;
     if let Some(response) = &response {
         response.validate()?;
         return Ok(Some(response.knots()));
     }
-    SharedNetworks::validate(networks.as_ref(), &config, snapshot.scene.splats.len())?;
-    Ok(networks.as_ref().and_then(SharedNetworks::response))
+    let method = resumed(methods, networks.as_ref(), &config, snapshot.scene.splats.len())?;
+    Ok(method.and_then(|method| method.response()))
 }
 
 /// Returns whether a run learns the response of a camera: of captured images, unless its method has

@@ -12,11 +12,10 @@
 mod aspect;
 mod average;
 mod batch;
-mod captured;
 mod densify;
 mod fit;
 mod health;
-mod pairs;
+mod method;
 mod plan;
 mod poses;
 mod saved;
@@ -25,7 +24,7 @@ mod start;
 mod vignetting;
 
 pub(crate) use self::batch::{SlotView, view_of};
-pub use self::pairs::{lifted_engine, snapshot_scene};
+pub use self::method::{lifted_engine, snapshot_scene};
 pub use self::saved::RunState;
 pub(crate) use self::start::{check_views, scene_extent};
 
@@ -40,10 +39,10 @@ use self::batch::{rates_of_batch, scaled};
 use crate::average::Average;
 use crate::config::Strategy;
 use crate::gains::Gains;
-use crate::peers::{SharedLift, folded};
 use crate::poses::Poses;
 use crate::reduce::BatchMean;
 use crate::state::State;
+use crate::step_method::StepMethod;
 use crate::validation_views::ValidationView;
 use crate::views::TrainingViews;
 use crate::vignetting::Lenses;
@@ -67,9 +66,8 @@ pub struct Trainer {
     poses: Option<Poses>,
     /// The lenses of the views, if their vignetting is optimised.
     lenses: Option<Lenses>,
-    /// The lift that makes radiance of the splats' colours, if the method lifts them; its engine
-    /// has it, too.
-    lift: Option<SharedLift>,
+    /// The method, if it has a step of its own.
+    method: Option<Box<dyn StepMethod>>,
     /// The validation views while splats are added.
     validation: Vec<ValidationView>,
     /// The connection to the other ranks of a distributed run.
@@ -236,7 +234,7 @@ impl Trainer {
     pub fn response(&self) -> Option<Knots> {
         match &self.state.response {
             Some(response) => Some(response.knots()),
-            None => self.state.networks.as_ref()?.response(),
+            None => self.method.as_ref()?.response(),
         }
     }
 
@@ -272,16 +270,10 @@ impl Trainer {
     pub fn scene(&mut self) -> Result<Scene, TrainError> {
         let splats = self.engine.splats()?;
         let scene = self.scene_of(splats);
-        Ok(match &self.lift {
+        Ok(match &self.method {
             None => scene,
-            Some(lift) => Scene { splats: folded(&scene.splats, &lift.get(), &self.views.cameras()), ..scene },
+            Some(method) => Scene { splats: method.plain_splats(scene.splats, &self.views.cameras()), ..scene },
         })
-    }
-
-    /// Returns whether [`Self::engine`] renders other colours than [`Self::scene`] has: those that
-    /// the method lifts to radiance.
-    pub fn lifts_colors(&self) -> bool {
-        self.lift.is_some()
     }
 
     /// Returns everything needed to resume from here bit for bit.
@@ -292,7 +284,7 @@ impl Trainer {
         let (splats, moments) = self.engine.save()?;
         let scene = self.scene_of(splats);
         let average = self.average.as_ref().map(|average| average.mean().clone());
-        Ok(Snapshot { scene, moments, stats: self.engine.densify_stats()?, average, state_json: self.state.to_json()? })
+        Ok(Snapshot { scene, moments, stats: self.engine.densify_stats()?, average, state_json: self.state_json()? })
     }
 
     /// Returns the scene of these splats.

@@ -41,9 +41,9 @@ use rayon::prelude::*;
 
 use crate::ahead::{Ahead, Key, Wanted};
 use crate::crop::{Crop, cropped, draw, gradient_factor};
-use crate::peers::turn;
 use crate::pixel_weights::{NoiseChoice, ToneScale, weighted};
 use crate::resolution::{Stage, factor_at};
+use crate::turn::turn;
 
 /// Smallest valid fraction of a reduced pixel's area. A pixel below it describes its neighbours
 /// rather than itself, and is masked.

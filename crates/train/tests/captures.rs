@@ -160,7 +160,7 @@ fn a_resumed_run_has_the_gains_and_the_response_of_the_unbroken_one() {
     assert!(unbroken.log_gains().unwrap().as_flattened().iter().any(|log| *log != 0.0));
     // A state without the response that its configuration needs is refused.
     let mut snapshot = resumed.snapshot().unwrap();
-    assert_eq!(luxel_train::snapshot_response(&snapshot).unwrap(), unbroken.response());
+    assert_eq!(luxel_train::snapshot_response(&snapshot, &luxel_train::NoMethods).unwrap(), unbroken.response());
     let state: serde_json::Value = serde_json::from_str(&snapshot.state_json).unwrap();
     let mut state = state.as_object().unwrap().clone();
     state.remove("response");

@@ -10,7 +10,7 @@ use common::{black, config, dataset, engine};
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{DensifyPlan, DensifyStats, Geometry, PassTime, SavedPart, SplatArray, StepConfig};
 use luxel_core::{Camera, Engine, EngineError, Image, Mask, Moments, RenderOptions, Snapshot, Splats, StepReport, View};
-use luxel_train::{Method, TrainConfig, TrainError, Trainer, snapshot_response};
+use luxel_train::{Method, NoMethods, TrainConfig, TrainError, Trainer, snapshot_response};
 
 /// An engine with steps that change nothing and report a preset loss.
 struct Puppet {
@@ -177,7 +177,7 @@ fn damaged_trainer_state_is_an_error_wherever_it_is_cut_or_changed() {
     let good = snapshot();
     for cut in 0..good.state_json.len() {
         let damaged = Snapshot { state_json: good.state_json[..cut].to_owned(), ..good.clone() };
-        assert!(snapshot_response(&damaged).is_err(), "cut at {cut}");
+        assert!(snapshot_response(&damaged, &NoMethods).is_err(), "cut at {cut}");
     }
     let changes = [
         ("\"version\":3", "\"version\":9", "version 9, expected 3"),

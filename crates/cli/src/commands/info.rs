@@ -1,7 +1,5 @@
 //! `luxel info`: the content of a file or folder.
 
-mod implicit;
-
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
@@ -95,8 +93,10 @@ fn describe_scene_file(path: &Path) -> Result<Tree> {
 fn describe_checkpoint(path: &Path) -> Result<Tree> {
     let mut facts = Tree::default();
     if let Some(scene) = luxel::implicit::open_file(path).context("cannot read the scene")? {
-        facts.set("kind", implicit::kind(&scene));
-        implicit::add_to(&mut facts, &scene);
+        facts.set("kind", scene.kind());
+        for (name, value) in scene.facts() {
+            facts.set(name, value);
+        }
         return Ok(facts);
     }
     let snapshot = luxel_io::read_checkpoint(path).context("cannot read the checkpoint")?;
@@ -127,7 +127,9 @@ fn describe_run(path: &Path, console: &Console) -> Result<Tree> {
             Ok((iteration, scene)) => {
                 let mut newest = Tree::default();
                 newest.set("iteration", iteration);
-                implicit::add_to(&mut newest, &scene);
+                for (name, value) in scene.facts() {
+                    newest.set(name, value);
+                }
                 facts.group(kind.name(), newest);
             }
             Err(error) => {

@@ -6,28 +6,44 @@
 //! is for splats. Whatever needs splats refuses it by name ([`refuse`]).
 //!
 //! In: a [`RunFolder`] of such a method. Out: its scene, as an engine that renders. Fields and
-//! anchors are trained and rendered on the processor.
+//! anchors are trained and rendered on the processor. Without the feature `methods` every such run
+//! is refused.
 
-mod anchor_files;
-mod anchor_run;
-mod field_files;
-mod field_run;
+#[cfg(not(feature = "methods"))]
+mod absent;
+#[cfg(feature = "methods")]
 mod newest;
-mod objective;
-mod place;
+#[cfg(feature = "methods")]
 mod scene;
+#[cfg(feature = "methods")]
 mod start;
 
 use std::path::Path;
 
-pub use luxel_field::{ColorHead, FieldNetwork};
-use luxel_train::Method;
+#[cfg(not(feature = "methods"))]
+pub(crate) use absent::{Checkpoint, open_dataset, resume, seconds_per_step, start};
+#[cfg(not(feature = "methods"))]
+pub use absent::{ImplicitScene, newest_scene};
+use luxel_core::Engine;
+use luxel_train::{ANCHOR_FORMAT, FIELD_FORMAT, Method};
+#[cfg(feature = "methods")]
 pub use newest::newest_scene;
-pub use scene::{Content, ImplicitScene};
-pub(crate) use start::{Checkpoint, Processor, open_dataset, resume, seconds_per_step, start};
+#[cfg(feature = "methods")]
+pub use scene::ImplicitScene;
+#[cfg(feature = "methods")]
+pub(crate) use start::{Checkpoint, open_dataset, resume, seconds_per_step, start};
 
 use crate::run::{RunConfig, RunFolder};
 use crate::{DeviceOptions, Error, Remedy, Result, SelectedEngine};
+
+/// The means of a training on the processor.
+#[cfg_attr(not(feature = "methods"), expect(dead_code, reason = "what is refused uses nothing"))]
+pub(crate) struct Processor {
+    /// Threads of a field.
+    pub(crate) threads: usize,
+    /// The engine of splats that anchors are trained on.
+    pub(crate) engine: Box<dyn Engine>,
+}
 
 /// Why a field is not computed on a GPU.
 const FIELD_ON_PROCESSOR: &str = "radiance fields are computed on the processor";
@@ -68,11 +84,6 @@ fn no_splats(root: &Path, config: &RunConfig) -> Error {
     Error::new(message).with_remedy(Remedy::advice("render or evaluate it, or train splats with another method, such as lcd"))
 }
 
-/// Reads the scene of a file, that of a checkpoint too.
-fn read_scene(path: &Path) -> Result<ImplicitScene> {
-    if luxel_io::holds_arrays(path, anchor_files::FORMAT) { anchor_files::read(path) } else { field_files::read(path) }
-}
-
 /// Reads the field or the anchors of a file, `field.safetensors`, `anchors.safetensors` or a
 /// checkpoint; `None` if the file holds something else.
 ///
@@ -80,14 +91,14 @@ fn read_scene(path: &Path) -> Result<ImplicitScene> {
 /// A file of such a scene that is damaged or of another version.
 pub fn open_file(path: &Path) -> Result<Option<ImplicitScene>> {
     match kind_of_file(path) {
-        Some(_) => read_scene(path).map(Some),
+        Some(_) => ImplicitScene::read(path).map(Some),
         None => Ok(None),
     }
 }
 
 /// Returns what a file holds, in words, if it is a scene without splats.
 fn kind_of_file(path: &Path) -> Option<&'static str> {
-    let kinds = [(field_files::FORMAT, "a radiance field, which has"), (anchor_files::FORMAT, "anchors, which have")];
+    let kinds = [(FIELD_FORMAT, "a radiance field, which has"), (ANCHOR_FORMAT, "anchors, which have")];
     kinds.into_iter().find(|(format, _)| luxel_io::holds_arrays(path, format)).map(|(_, words)| words)
 }
 

@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-use super::read_scene;
 use super::scene::ImplicitScene;
 use crate::run::state::continue_run;
 use crate::run::{ImplicitKind, RunFolder};
@@ -22,7 +21,7 @@ pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32,
     // Newest first; of the same step the scene, which is smaller, stays first.
     candidates.sort_by_key(|(iteration, _)| std::cmp::Reverse(*iteration));
     for (iteration, path) in candidates {
-        match read_scene(&path) {
+        match ImplicitScene::read(&path) {
             Ok(scene) => return Ok((u32::try_from(iteration)?, scene)),
             Err(error) => observer.warn(&format!("skipping a damaged file: {error:#}")),
         }

@@ -1,16 +1,20 @@
 //! [`ImplicitScene`]: a field or anchors, with what is needed to render them in the radiance of
 //! their data set.
 
+use std::path::Path;
+
 use luxel_core::{Knots, Scene};
-use luxel_field::{Field, FieldEngine};
-use luxel_train::{AnchorEngine, AnchorScene};
+use luxel_io::Arrays;
+use luxel_methods::{AnchorEngine, AnchorFile, AnchorScene, ColorHead, Field, FieldEngine, FieldNetwork, read_anchors, read_field};
+use luxel_train::{ANCHOR_FORMAT, FIELD_FORMAT};
+use serde_json::Value;
 
 use crate::error::Context;
 use crate::{Error, Remedy, Result, SelectedEngine, text};
 
 /// The scene that an image is computed from.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Content {
+enum Content {
     /// A radiance field, which holds the camera's response if it has learned one; normalised units.
     Field(Box<Field>),
     /// Anchors, normalised units.
@@ -26,12 +30,25 @@ pub enum Content {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImplicitScene {
     /// The field or the anchors.
-    pub content: Content,
+    content: Content,
     /// Its units and place: a scene without splats.
     pub place: Scene,
 }
 
 impl ImplicitScene {
+    /// Reads the scene of a file, that of a checkpoint too.
+    pub(super) fn read(path: &Path) -> Result<Self> {
+        let name = || path.display().to_string();
+        if luxel_io::holds_arrays(path, ANCHOR_FORMAT) {
+            let Arrays { description, tensors } = luxel_io::read_arrays(path, ANCHOR_FORMAT)?;
+            let AnchorFile { scene, response, place } = read_anchors(&description, tensors).with_context(name)?;
+            return Ok(Self { content: Content::Anchors { scene: Box::new(scene), response: response.map(Box::new) }, place });
+        }
+        let Arrays { description, tensors } = luxel_io::read_arrays(path, FIELD_FORMAT)?;
+        let (field, place) = read_field(&description, tensors).with_context(name)?;
+        Ok(Self { content: Content::Field(Box::new(field)), place })
+    }
+
     /// Returns the number of trained numbers.
     pub fn parameter_count(&self) -> usize {
         match &self.content {
@@ -56,6 +73,48 @@ impl ImplicitScene {
                 format!("{} of {}", text::plural(scene.anchors.len(), "anchor"), text::plural(scene.splats(), "splat"))
             }
         }
+    }
+
+    /// Returns what the scene is: `radiance field`, `anchors`.
+    pub fn kind(&self) -> &'static str {
+        match self.content {
+            Content::Field(_) => "radiance field",
+            Content::Anchors { .. } => "anchors",
+        }
+    }
+
+    /// Returns the size and the place of the scene, by name.
+    pub fn facts(&self) -> Vec<(&'static str, Value)> {
+        let length = self.place.world_from_local.scale();
+        let mut facts: Vec<(&'static str, Value)> = vec![("parameters", self.parameter_count().into())];
+        match &self.content {
+            Content::Field(field) => {
+                let shape = field.shape();
+                match shape.network {
+                    FieldNetwork::Grid(grid) => facts.extend([
+                        ("grid_levels", grid.levels.into()),
+                        ("grid_entries", (1u32 << grid.log2_entries).into()),
+                        ("finest_grid", grid.finest.into()),
+                    ]),
+                    FieldNetwork::Layers { layers, units } => facts.extend([("layers", layers.into()), ("units", units.into())]),
+                }
+                let colors = match shape.head {
+                    ColorHead::Softplus => "radiance",
+                    ColorHead::Log => "log radiance, with tone mappers",
+                    ColorHead::Lifted => "captured values, lifted to radiance",
+                };
+                let (side, occupied) = (shape.space.side * length, field.occupied_part());
+                facts.extend([("colors", colors.into()), ("cube_side", side.into()), ("occupied_part", occupied.into())]);
+            }
+            Content::Anchors { scene, response } => facts.extend([
+                ("anchors", scene.anchors.len().into()),
+                ("splats", scene.splats().into()),
+                ("color_model", scene.color_model().name().into()),
+                ("camera_response", if response.is_some() { "learned" } else { "none" }.into()),
+            ]),
+        }
+        facts.extend([("radiance_scale", self.place.radiance_scale.get().into()), ("color_space", self.place.color_space.name().into())]);
+        facts
     }
 
     /// Returns a digest of the content: images of equal ones are equal.

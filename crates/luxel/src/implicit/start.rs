@@ -7,15 +7,14 @@
 use std::path::Path;
 use std::time::Instant;
 
-use luxel_core::{Dataset as CoreDataset, Engine, Remedy};
-use luxel_io::{ImageMemory, ImagePlan, IoError, system_memory};
-use luxel_train::{Reconstruction, TrainConfig};
+use luxel_core::{Dataset as CoreDataset, Remedy};
+use luxel_io::{Arrays, ImageMemory, ImagePlan, IoError, system_memory};
+use luxel_methods::{
+    AnchorCheckpoint, AnchorRun, FieldCheckpoint, FieldRun, check_exposures, field_network, read_anchor_run, read_field_run,
+};
+use luxel_train::{ANCHOR_FORMAT, FIELD_FORMAT, Reconstruction, TrainConfig};
 
-use super::anchor_files::{self, AnchorCheckpoint};
-use super::anchor_run::AnchorRun;
-use super::field_files::{self, FieldCheckpoint};
-use super::field_run::FieldRun;
-use super::objective::{check_exposures, network};
+use super::Processor;
 use crate::error::Context;
 use crate::run::{Launch, RunConfig};
 use crate::{Dataset, Device, DeviceOptions, ImageLimits, Observer, Result, SelectedEngine, text};
@@ -26,14 +25,6 @@ const RUN_BYTES: u64 = 400 << 20;
 /// Memory of a splat of anchors besides: its share of the anchor, moments, networks' values and the
 /// engine's copies, bytes.
 const SPLAT_BYTES: u64 = 1000;
-
-/// The means of a training on the processor.
-pub(crate) struct Processor {
-    /// Threads of a field.
-    pub(crate) threads: usize,
-    /// The engine of splats that anchors are trained on.
-    pub(crate) engine: Box<dyn Engine>,
-}
 
 /// A run that can be continued.
 pub(crate) enum Checkpoint {
@@ -46,10 +37,14 @@ pub(crate) enum Checkpoint {
 impl Checkpoint {
     /// Reads the checkpoint of a file.
     pub(crate) fn read(path: &Path) -> Result<Self> {
-        if luxel_io::holds_arrays(path, anchor_files::FORMAT) {
-            return Ok(Self::Anchors(Box::new(anchor_files::read_checkpoint(path)?)));
+        let read = |format| luxel_io::read_arrays(path, format);
+        let name = || path.display().to_string();
+        if luxel_io::holds_arrays(path, ANCHOR_FORMAT) {
+            let Arrays { description, tensors } = read(ANCHOR_FORMAT)?;
+            return Ok(Self::Anchors(Box::new(read_anchor_run(&description, tensors).with_context(name)?)));
         }
-        Ok(Self::Field(Box::new(field_files::read_checkpoint(path)?)))
+        let Arrays { description, tensors } = read(FIELD_FORMAT)?;
+        Ok(Self::Field(Box::new(read_field_run(&description, tensors).with_context(name)?)))
     }
 }
 
@@ -59,9 +54,10 @@ impl Checkpoint {
 /// Options or data that cannot be used; threads that the system refuses.
 pub(crate) fn start(dataset: &CoreDataset, config: &TrainConfig, processor: Processor) -> Result<Box<dyn Reconstruction>> {
     let Processor { threads, engine } = processor;
+    let context = "cannot start training";
     Ok(match config.method.has_anchors() {
-        true => Box::new(AnchorRun::new(dataset, config, engine)?),
-        false => Box::new(FieldRun::new(dataset, config, threads)?),
+        true => Box::new(AnchorRun::new(dataset, config, engine).context(context)?),
+        false => Box::new(FieldRun::new(dataset, config, threads).context(context)?),
     })
 }
 
@@ -102,7 +98,7 @@ pub(crate) fn seconds_per_step(config: &RunConfig, [before, timed]: [usize; 2], 
 /// Data that cannot be read or used; more of it than memory has room for.
 pub(crate) fn open_dataset(path: &Path, config: &RunConfig, launch: Launch<'_>) -> Result<Dataset> {
     let train = &config.train;
-    let of_network = network(train)?.training_bytes(config.device.threads.map_or(1, |threads| threads as usize));
+    let of_network = field_network(train)?.training_bytes(config.device.threads.map_or(1, |threads| threads as usize));
     let of_scene = |plan: &ImagePlan| match train.method.has_anchors() {
         // Without a bound the number of splats is not known.
         true => Some(train.splat_limit(plan.train_px) as u64).filter(|limit| *limit < u64::from(u32::MAX)).unwrap_or(0) * SPLAT_BYTES,

@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use super::{ExplicitArgs, PlotLog, TimeLimit};
 use crate::error::Context;
 use crate::export::DEFAULT_REFINE_STEPS;
+use crate::step_methods::check_is_built;
 use crate::{DeviceOptions, Error, Remedy, Result, files};
 
 /// First line of config.toml.
@@ -198,6 +199,7 @@ impl RunConfig {
     /// # Errors
     /// The first option that is out of range, and the range.
     pub fn validate(&self) -> Result<()> {
+        check_is_built(self.train.method)?;
         self.train.validate()?;
         self.check_supervision()?;
         for (option, number) in [("keep_checkpoints", Some(self.run.keep_checkpoints)), ("eval_every", self.run.eval_every)] {

@@ -13,6 +13,7 @@ use super::launch::{RunStart, limit_images, open_dataset};
 use super::ranks::{STATE, broadcast, views_of};
 use super::{Launch, Outcome, RunConfig, RunFolder};
 use crate::error::Context;
+use crate::step_methods::means_of;
 use crate::{Error, Result, SelectedEngine, Silent, StopFlag};
 
 /// Trains as a rank other than 0, with what rank 0 tells. `open` opens the engine for the settings.
@@ -35,7 +36,7 @@ pub fn follow(
     limit_images(engine.as_mut(), &config);
     let state = broadcast(&mut *exchange, &[])?;
     let snapshot = luxel_io::decode_checkpoint(Path::new(STATE), &state)?;
-    let mut trainer = Trainer::resume(&dataset, snapshot, engine).context("cannot start training")?.with_exchange(exchange);
+    let mut trainer = Trainer::resume(&dataset, snapshot, means_of(engine)).context("cannot start training")?.with_exchange(exchange);
     trainer.finish_average()?;
     // A signal asks for a stop from here on, and does not end the process.
     let _listening = stop.listen();

@@ -14,6 +14,7 @@ use luxel_train::{Method, RankViews, Reconstruction, SceneContent, SceneSize, Tr
 use super::ranks::{keeps, tell_settings, tell_state, views_of};
 use super::{Outcome, RunConfig, RunFolder, RunLock, RunMemory, Session, state};
 use crate::error::{Context, bail};
+use crate::step_methods::means_of;
 use crate::{Dataset, Error, ImageLimits, Observer, Result, Scene, SelectedEngine, StopFlag, blocks, implicit, text};
 
 /// The place of a run, its observer and its stop flag.
@@ -135,9 +136,9 @@ fn first_trainer(config: &RunConfig, scene: Option<Scene>, dataset: &CoreDataset
         return implicit::start(dataset, &config.train, implicit::Processor { threads, engine });
     }
     let trainer = match (config.run.from.as_deref(), scene) {
-        (Some(path), Some(scene)) => Trainer::from_scene(dataset, &scene, config.train.clone(), engine)
+        (Some(path), Some(scene)) => Trainer::from_scene(dataset, &scene, config.train.clone(), means_of(engine))
             .with_context(|| format!("{}: cannot start training from this scene", path.display()))?,
-        _ => Trainer::new(dataset, config.train.clone(), engine).context("cannot start training")?,
+        _ => Trainer::new(dataset, config.train.clone(), means_of(engine)).context("cannot start training")?,
     };
     Ok(Box::new(trainer.with_exchange(exchange)))
 }
@@ -162,7 +163,7 @@ impl Stored {
     fn resume(self, dataset: &CoreDataset, means: Means) -> Result<Box<dyn Reconstruction>> {
         let Means { threads, engine, exchange } = means;
         match self {
-            Self::Splats(snapshot) => Ok(Box::new(Trainer::resume(dataset, snapshot, engine)?.with_exchange(exchange))),
+            Self::Splats(snapshot) => Ok(Box::new(Trainer::resume(dataset, snapshot, means_of(engine))?.with_exchange(exchange))),
             Self::Implicit(checkpoint) => implicit::resume(dataset, checkpoint, implicit::Processor { threads, engine }),
         }
     }

@@ -298,7 +298,7 @@ impl Session<'_> {
         let iteration = self.trainer.iteration();
         let mut saved = self.trainer.saved()?;
         let write = |path: &Path| match &mut saved {
-            SavedRun::Splats(state) => luxel_io::write_checkpoint(path, state),
+            SavedRun::Splats(state) => luxel_io::write_checkpoint(path, &mut **state),
             SavedRun::Arrays(file) => files::write_arrays(path, file),
         };
         let path = save_checkpoint(self.folder, &self.config.run, iteration, write)?;

@@ -8,6 +8,7 @@ use luxel_train::LensVignetting;
 
 use super::{Captures, RunConfig, RunFolder};
 use crate::error::Context;
+use crate::step_methods::{check_is_built, step_methods};
 use crate::{Error, Observer, Result, SelectedEngine};
 
 /// Returns the newest checkpoint that `read` can read, to continue from; `None` if the run ended
@@ -77,7 +78,9 @@ pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32,
             }),
             Source::Checkpoint(path) => match luxel_io::read_checkpoint(&path) {
                 Ok(snapshot) => {
-                    let scene = luxel_train::snapshot_scene(snapshot).with_context(|| format!("{}: no scene", path.display()))?;
+                    let no_scene = || format!("{}: no scene", path.display());
+                    check_is_built(luxel_train::snapshot_config(&snapshot).with_context(no_scene)?.method).with_context(no_scene)?;
+                    let scene = luxel_train::snapshot_scene(snapshot, step_methods()).with_context(no_scene)?;
                     return Ok((u32::try_from(iteration)?, scene));
                 }
                 Err(error) => Err(error),
@@ -128,8 +131,10 @@ pub fn load_newest(folder: &RunFolder, config: &RunConfig, mut selected: Selecte
     }
     let (iteration, scene) = newest_scene(folder, observer)?;
     if config.train.method.lifts_colors() {
+        check_is_built(config.train.method)?;
         let (path, snapshot) = snapshot_of(folder, iteration, "the lift to radiance")?;
-        let lifted = luxel_train::lifted_engine(&snapshot, selected.engine).with_context(|| format!("{}: no lift", path.display()))?;
+        let lifted = luxel_train::lifted_engine(&snapshot, selected.engine, step_methods())
+            .with_context(|| format!("{}: no lift", path.display()))?;
         let engine = lifted.with_context(|| format!("{}: its method lifts no colours", path.display()))?;
         return Ok(LoadedRun { iteration, scene, selected: SelectedEngine { engine, ..selected }, implicit: None });
     }
@@ -153,8 +158,9 @@ pub fn response(folder: &RunFolder, config: &RunConfig, iteration: u32, implicit
     if let Some(response) = Captures::read(folder)?.response_at(iteration) {
         return Ok(Some(response));
     }
+    check_is_built(config.train.method)?;
     let (path, snapshot) = snapshot_of(folder, iteration, "the camera's response")?;
-    luxel_train::snapshot_response(&snapshot).with_context(|| format!("{}: no response of a camera", path.display()))
+    luxel_train::snapshot_response(&snapshot, step_methods()).with_context(|| format!("{}: no response of a camera", path.display()))
 }
 
 /// Returns the vignetting that belongs to a run's scene of `iteration` steps, from where

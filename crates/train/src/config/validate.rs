@@ -1,9 +1,9 @@
 //! Checks of ranges and combinations.
 
+use super::own_steps::check_options;
 use super::spec::Condition;
 use super::{Freeze, OPTIONS, OptionSpec, TrainConfig};
 use crate::TrainError;
-use crate::peers::check_options;
 
 /// An option that is set although a choice that it depends on was not made.
 #[derive(Clone, Copy, Debug)]

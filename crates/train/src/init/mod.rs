@@ -30,7 +30,7 @@ use crate::scale::{Luminances, Sampling};
 use crate::start_views::StartViews;
 use crate::views::pixels;
 
-pub(crate) use self::neighbours::distances as spacing;
+pub use self::neighbours::distances as spacing;
 
 /// Smallest initial R + G + B of a splat, normalised units: half of where the mu-law turns linear.
 /// Lower values look black to the loss, and the gradient of an activation almost vanishes.

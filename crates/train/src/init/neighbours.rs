@@ -16,7 +16,7 @@ const MIN_DISTANCE: f32 = 3.162_277_7e-4;
 const NEIGHBOURS: usize = 3;
 
 /// Returns the spacing at each of `positions`.
-pub(crate) fn distances(positions: &[[f32; 3]]) -> Vec<f32> {
+pub fn distances(positions: &[[f32; 3]]) -> Vec<f32> {
     if positions.len() < 2 {
         return vec![1.0; positions.len()];
     }

@@ -92,8 +92,7 @@ impl Trainer {
     /// Trains on the views of a step, and returns the reports of all slots, in their order.
     pub(super) fn train_on(&mut self, views: &[SlotView], config: &StepConfig) -> Result<Vec<StepReport>, TrainError> {
         match views {
-            [of] if self.state.config.method.trains_on_pairs() => Ok(vec![self.train_on_pair(*of, config)?]),
-            [of] if self.state.config.method.has_own_steps() => Ok(vec![self.train_on_captured(*of, config)?]),
+            [of] if self.method.is_some() => Ok(vec![self.train_by_method(*of, config)?]),
             [of] if self.exchange.ranks() == 1 => {
                 self.ask_ahead(*of);
                 let Self { engine, views, state, lenses, .. } = self;

@@ -57,8 +57,8 @@ impl Trainer {
                 return Err(TrainError::AllPruned { step });
             }
             tracing::debug!(step, before, after = rows.len(), opacity_cap = cap, "densified");
-            if let Some(networks) = &mut self.state.networks {
-                networks.densify(&rows);
+            if let Some(method) = &mut self.method {
+                method.densify(&rows);
             }
             self.engine.densify(&DensifyPlan { rows, opacity_logit_cap: cap.map(logit), smoothing: None })?;
         }

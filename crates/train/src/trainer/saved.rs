@@ -29,7 +29,7 @@ impl Trainer {
     /// Returns [`TrainError::Engine`] if the engine fails.
     pub fn saved_state(&mut self) -> Result<RunState<'_>, TrainError> {
         let stats = self.engine.densify_stats()?;
-        let (scene, state_json) = (self.scene_of(Splats::empty(self.state.config.color_model())), self.state.to_json()?);
+        let (scene, state_json) = (self.scene_of(Splats::empty(self.state.config.color_model())), self.state_json()?);
         Ok(RunState { trainer: self, scene, stats, state_json })
     }
 }

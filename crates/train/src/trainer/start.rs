@@ -4,31 +4,26 @@
 //! the scene. Degenerate: views or states that cannot be trained are errors.
 
 use luxel_core::engine::ParameterRows;
-use luxel_core::{
-    Alone, Antialias, CameraProjection, Dataset, Engine, EngineError, RadianceScale, Remedy, Scene, Snapshot, Splats, View, spatial_order,
-};
+use luxel_core::{Alone, Antialias, CameraProjection, Dataset, Engine, EngineError, Remedy, Scene, Snapshot, View, spatial_order};
 
 use super::health::Visibility;
 use super::scene_start::{check_scene, start_of_scene, with_raster};
 use super::{Trainer, VecDeque};
 use crate::average::Average;
 use crate::camera_response::CameraResponse;
-use crate::peers::{LiftedEngine, SharedNetworks, check_captured, check_pairs, one_exposure};
 use crate::pixel_weights::ToneScale;
 use crate::recorded::is_recorded;
 use crate::reduce::BatchMean;
 use crate::state::{Start, State, learns_response, poses_of};
+use crate::step_method::{StepMethod, StepMethods, TrainingMeans, resumed};
 use crate::validation_views::validation_views;
 use crate::views::{TrainingViews, largest_px};
 use crate::vignetting::{Lenses, check_lenses};
-use crate::{Initial, Method, NamedChoice, Schedule, TrainConfig, TrainError, free_space, initialise};
+use crate::{Initial, NamedChoice, Schedule, TrainConfig, TrainError, free_space, initialise};
 
 /// Factor between the greatest distance of a camera from the cameras' centroid and the scene's
 /// extent (Kerbl et al. 2023).
 const EXTENT_MARGIN: f64 = 1.1;
-
-/// Exponent of a camera's response that first colours assume: that of displays.
-const DISPLAY_GAMMA: f32 = 2.2;
 
 impl Trainer {
     /// Starts a new run.
@@ -36,12 +31,12 @@ impl Trainer {
     /// # Errors
     /// Returns a [`TrainError`] if an option is out of range, if there is nothing to train on, or
     /// if the engine refuses the scene.
-    pub fn new(dataset: &Dataset, config: TrainConfig, engine: Box<dyn Engine>) -> Result<Self, TrainError> {
+    pub fn new<'m>(dataset: &Dataset, config: TrainConfig, means: impl Into<TrainingMeans<'m>>) -> Result<Self, TrainError> {
         if config.freezes_geometry() {
             let reason = "there is no scene whose geometry could be kept".to_owned();
             return Err(TrainError::NeedsScene { reason, remedy: Remedy::give("from") });
         }
-        Self::start(dataset, None, config, engine)
+        Self::start(dataset, None, config, means.into())
     }
 
     /// Starts a new run from the splats of a scene, in place of new ones.
@@ -53,24 +48,30 @@ impl Trainer {
     ///
     /// # Errors
     /// Those of [`Self::new`]; a scene that does not go with the data set or the options.
-    pub fn from_scene(dataset: &Dataset, scene: &Scene, config: TrainConfig, engine: Box<dyn Engine>) -> Result<Self, TrainError> {
+    pub fn from_scene<'m>(
+        dataset: &Dataset,
+        scene: &Scene,
+        config: TrainConfig,
+        means: impl Into<TrainingMeans<'m>>,
+    ) -> Result<Self, TrainError> {
         let config = if config.freezes_geometry() {
             with_raster(config, &scene.raster)?
         } else {
             config.with_degrees(dataset.is_developed, Some(scene.splats.color_model))
         };
         check_scene(dataset, scene, &config)?;
-        Self::start(dataset, Some(scene), config, engine)
+        Self::start(dataset, Some(scene), config, means.into())
     }
 
-    fn start(dataset: &Dataset, scene: Option<&Scene>, config: TrainConfig, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
+    fn start(dataset: &Dataset, scene: Option<&Scene>, config: TrainConfig, means: TrainingMeans<'_>) -> Result<Self, TrainError> {
+        let TrainingMeans { mut engine, methods } = means;
         config.validate()?;
         check_method(&config)?;
         check_views(dataset)?;
         check_batch(dataset, &config)?;
         check_focal(dataset, &config)?;
         check_lenses(dataset, &config)?;
-        check_pair_method(dataset, &config, &*engine)?;
+        check_own_steps(methods, dataset, &config, &*engine)?;
         let config = TrainConfig { samples: Some(config.samples_for(largest_px(&dataset.train))), ..config };
         let config = config.with_degrees(dataset.is_developed, None);
         let response = is_recorded(&dataset.train)?.then(|| CameraResponse::new(config.unit_exposure, &dataset.train));
@@ -83,7 +84,9 @@ impl Trainer {
                 Initial { splats: splats.select(spatial_order(&splats.position)), radiance_scale }
             }
         };
-        let splats = if config.method == Method::MonoHdrGs { captured_colors(splats, radiance_scale, dataset, &config)? } else { splats };
+        let has_own_steps = config.method.has_own_steps();
+        let splats = if has_own_steps { methods.first_splats(splats, radiance_scale, dataset, &config)? } else { splats };
+        let method = if has_own_steps { Some(methods.start(dataset, &config, splats.len())?) } else { None };
         let extent = scene_extent(&dataset.train, &splats.position);
         engine.set_moment_format(config.moments)?;
         engine.load(&splats, None)?;
@@ -98,8 +101,8 @@ impl Trainer {
             part if part > 0.0 && !config.freezes_geometry() => free_space::radii(&dataset.train, &splats.position, part),
             _ => Vec::new(),
         };
-        let state = State::new(dataset, Start { config, extent, radiance_scale, response, splats: splats.len(), clearances });
-        let mut trainer = Self::assemble(dataset, state, None, engine);
+        let state = State::new(dataset, Start { config, extent, radiance_scale, response, clearances });
+        let mut trainer = Self::assemble(dataset, Parts { state, average: None, engine, method });
         trainer.warn_of_average();
         trainer.check_pose_steps()?;
         if trainer.state.config.antialias == Antialias::Mip && !trainer.state.config.freezes_geometry() {
@@ -113,10 +116,12 @@ impl Trainer {
     /// # Errors
     /// Returns a [`TrainError`] if the snapshot belongs to another data set or is damaged, or if
     /// the engine refuses it.
-    pub fn resume(dataset: &Dataset, snapshot: Snapshot, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
+    pub fn resume<'m>(dataset: &Dataset, snapshot: Snapshot, means: impl Into<TrainingMeans<'m>>) -> Result<Self, TrainError> {
+        let TrainingMeans { mut engine, methods } = means.into();
         check_views(dataset)?;
-        let state = State::from_snapshot(&snapshot, dataset)?;
-        check_pair_method(dataset, &state.config, &*engine)?;
+        let mut state = State::from_snapshot(&snapshot, dataset)?;
+        let method = resumed(methods, state.networks.take().as_ref(), &state.config, snapshot.scene.splats.len())?;
+        check_own_steps(methods, dataset, &state.config, &*engine)?;
         let Snapshot { scene, moments, stats, average, .. } = snapshot;
         let parts = [("scene", &scene.splats), ("first moments", &moments.first), ("second moments", &moments.second)];
         for (what, splats) in parts.into_iter().chain(average.iter().map(|average| ("average", average))) {
@@ -129,10 +134,11 @@ impl Trainer {
         engine.load(&scene.splats, Some(&moments))?;
         engine.set_densify_stats(&stats)?;
         let average = average.map(|mean| Average::new(mean, state.averaged));
-        Ok(Self::assemble(dataset, state, average, engine))
+        Ok(Self::assemble(dataset, Parts { state, average, engine, method }))
     }
 
-    fn assemble(dataset: &Dataset, state: State, average: Option<Average>, engine: Box<dyn Engine>) -> Self {
+    fn assemble(dataset: &Dataset, parts: Parts) -> Self {
+        let Parts { state, average, engine, method } = parts;
         let config = &state.config;
         let color_model = config.color_model();
         let schedule = Schedule::new(config, state.planned_iterations, state.extent);
@@ -141,10 +147,9 @@ impl Trainer {
         let tone = ToneScale { radiance_scale: state.radiance_scale, mu: config.mu };
         let views = TrainingViews::new(&dataset.train, stages, config.noise_model, tone);
         let lenses = state.vignetting.is_some().then(|| Lenses::new(dataset));
-        let lift = state.networks.as_ref().and_then(SharedNetworks::shared_lift);
-        let engine: Box<dyn Engine> = match &lift {
+        let engine = match &method {
             None => engine,
-            Some(lift) => Box::new(LiftedEngine::new(engine, lift.clone())),
+            Some(method) => method.rendering(engine),
         };
         let poses = state.poses.is_some().then(|| poses_of(dataset, state.extent));
         let has_validation = config.has_validation_views() && state.response.is_none();
@@ -162,7 +167,7 @@ impl Trainer {
             visibility: Visibility::default(),
             poses,
             lenses,
-            lift,
+            method,
             validation,
             exchange: Box::new(Alone),
             batch_mean: BatchMean::new(ParameterRows { color_model }),
@@ -173,6 +178,14 @@ impl Trainer {
         trainer.restore_poses();
         trainer
     }
+}
+
+/// The parts of a trainer at its start.
+struct Parts {
+    state: State,
+    average: Option<Average>,
+    engine: Box<dyn Engine>,
+    method: Option<Box<dyn StepMethod>>,
 }
 
 /// Refuses methods that train no splats.
@@ -204,38 +217,19 @@ fn check_batch(dataset: &Dataset, config: &TrainConfig) -> Result<(), TrainError
     }
 }
 
-/// Checks that the data set has what a method on pairs trains on, and the engine what its steps
-/// need.
-fn check_pair_method(dataset: &Dataset, config: &TrainConfig, engine: &dyn Engine) -> Result<(), TrainError> {
+/// Checks that the data set has what a method with steps of its own trains on, and the engine what
+/// its steps need.
+fn check_own_steps(methods: &dyn StepMethods, dataset: &Dataset, config: &TrainConfig, engine: &dyn Engine) -> Result<(), TrainError> {
     if !config.method.has_own_steps() {
         return Ok(());
     }
-    let method = config.method.name();
-    match config.method.trains_on_pairs() {
-        true => check_pairs(&dataset.train, method)?,
-        false => check_captured(&dataset.train, method)?,
-    }
-    if config.method.needs_one_exposure() {
-        one_exposure(&dataset.train, method)?;
-    }
+    methods.check(dataset, config)?;
     if engine.differentiable().is_none() {
+        let method = config.method.name();
         let message = format!("method {method} is trained on the CPU: this engine has no rasteriser with gradients for its images");
         return Err(EngineError::invalid(message).with_remedy(Remedy::set("device", "cpu")).into());
     }
     Ok(())
-}
-
-/// Returns the splats with the values that a camera of a usual response would capture of their
-/// radiance, in its place.
-fn captured_colors(splats: Splats, scale: RadianceScale, dataset: &Dataset, config: &TrainConfig) -> Result<Splats, TrainError> {
-    let exposure_s = one_exposure(&dataset.train, config.method.name())?;
-    let (mut splats, k) = (splats, 3 * config.color_model().sh_coefficients());
-    for i in 0..splats.len() {
-        let exposures = splats.base_radiance(i).map(|x| scale.restored_value(x) * exposure_s);
-        let (dc, _) = splats.color_model.constant(exposures.map(|x| (x / (x + 1.0)).powf(DISPLAY_GAMMA.recip())));
-        splats.sh[i * k..i * k + 3].copy_from_slice(&dc);
-    }
-    Ok(splats)
 }
 
 /// Checks that focal lengths can be optimised, if they are to be: those of pinhole cameras can.

@@ -2,8 +2,6 @@
 
 #![allow(clippy::unwrap_used, reason = "a helper of tests may panic as they do")]
 
-pub(crate) mod runs;
-
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use luxel_core::{
     Camera, CameraProjection, ColorModel, ColorSpace, Dataset, Distortion, Engine, Image, OnDemand, PixelValues, Point, RenderOptions,
