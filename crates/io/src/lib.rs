@@ -21,6 +21,7 @@ mod joined;
 mod lens;
 mod local_frame;
 mod memory;
+mod mesh;
 #[cfg(not(feature = "ocio"))]
 mod ocio_absent;
 #[cfg(feature = "ocio")]
@@ -67,6 +68,7 @@ pub use image::{
 };
 pub use luxel_core::photo::{Codes, Exif, IccProfile, PhotoInfo, PhotoKind, RawInfo, RawPixels};
 pub use memory::{available_memory, given_memory_limit, memory_limit, set_memory_limit, system_memory};
+pub use mesh::{MeshFile, MeshFormat, write_mesh};
 #[cfg(not(feature = "ocio"))]
 pub use ocio_absent::OcioSpace;
 #[cfg(feature = "ocio")]

@@ -68,6 +68,7 @@ pub mod lens;
 mod log_record;
 pub mod machine;
 pub mod memory;
+pub mod mesh;
 pub mod mix;
 pub mod output;
 pub mod photograph;

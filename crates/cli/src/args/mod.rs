@@ -8,6 +8,7 @@ mod completions;
 mod edit;
 mod export;
 mod help;
+mod mesh;
 mod mix;
 mod photograph;
 mod pick;
@@ -37,6 +38,7 @@ pub(crate) use self::compare::CompareArgs;
 pub(crate) use self::completions::{CompletionsArgs, ManArgs};
 pub(crate) use self::edit::{EditArgs, EditText, ShMapArg};
 pub(crate) use self::export::ExportArgs;
+pub(crate) use self::mesh::MeshArgs;
 pub(crate) use self::mix::MixArgs;
 pub(crate) use self::pick::PickArgs;
 pub(crate) use self::prepare::PrepareArgs;
@@ -190,6 +192,9 @@ pub(crate) enum Command {
     Export(Box<ExportArgs>),
     /// Render the light that arrives at a point of the scene as an environment map.
     Probe(Box<ProbeArgs>),
+    /// Make a triangle mesh of what the cameras saw, for shadow catchers, holdouts and colliders:
+    /// USD, glTF, PLY, OBJ.
+    Mesh(Box<MeshArgs>),
     /// Show what a pixel of a view is made of: radiance, depth, the point in the world, splats.
     Pick(Box<PickArgs>),
     /// Look at a scene in the browser, in radiance: exposure, false colour, probe, ground truth.

@@ -11,6 +11,7 @@ pub(crate) mod edit;
 pub(crate) mod eval;
 pub(crate) mod export;
 pub(crate) mod info;
+pub(crate) mod mesh;
 pub(crate) mod mix;
 pub(crate) mod pick;
 pub(crate) mod prepare;
