@@ -164,6 +164,7 @@ fn dispatch(command: Command, explicit: &ExplicitArgs, words: &[OsString]) -> Re
         Command::Mix(args) => commands::mix::run(&args).map(|()| Outcome::Finished),
         Command::Lights(args) => commands::lights::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Probe(args) => commands::probe::run(&args, explicit).map(|()| Outcome::Finished),
+        Command::Mesh(args) => commands::mesh::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Pick(args) => commands::pick::run(&args, explicit).map(|()| Outcome::Finished),
         #[cfg(feature = "view")]
         Command::View(args) => commands::view::run(&args, explicit).map(|()| Outcome::Finished),

@@ -18,7 +18,7 @@ use std::sync::Arc;
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{
     ChannelSource, ChannelStep, DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, MomentFormat, SavedPart,
-    SparseGradients, SplatArray, StepConfig, check_channels, check_range,
+    SparseGradients, SplatArray, StepConfig, SurfaceImage, check_channels, check_range,
 };
 use luxel_core::{
     Camera, ColorModel, Engine, EngineError, Image, Layers, Moments, PassTime, Remedy, RenderOptions, Splats, StepReport, View,
@@ -219,6 +219,11 @@ impl Engine for CpuEngine {
     fn render_deep(&mut self, camera: &Camera, options: &RenderOptions, most_samples: usize) -> Result<DeepImage, EngineError> {
         let camera = checked_camera(camera, options, &mut self.lenses)?;
         self.pool.install(|| self.state.render_deep(&camera, most_samples))
+    }
+
+    fn render_surface(&mut self, camera: &Camera, options: &RenderOptions) -> Result<SurfaceImage, EngineError> {
+        let camera = checked_camera(camera, options, &mut self.lenses)?;
+        self.pool.install(|| self.state.render_surface(&camera))
     }
 
     fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError> {

@@ -22,6 +22,7 @@ mod lens;
 mod lights;
 mod local_frame;
 mod memory;
+mod mesh;
 #[cfg(not(feature = "ocio"))]
 mod ocio_absent;
 #[cfg(feature = "ocio")]
@@ -69,6 +70,7 @@ pub use image::{
 pub use lights::{LightShape, StageDome, StageLight, StageLights, encode_lights_glb, stage_lights_text, write_lights};
 pub use luxel_core::photo::{Codes, Exif, IccProfile, PhotoInfo, PhotoKind, RawInfo, RawPixels};
 pub use memory::{available_memory, given_memory_limit, memory_limit, set_memory_limit, system_memory};
+pub use mesh::{MeshFile, MeshFormat, write_mesh};
 #[cfg(not(feature = "ocio"))]
 pub use ocio_absent::OcioSpace;
 #[cfg(feature = "ocio")]

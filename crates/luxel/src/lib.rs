@@ -71,6 +71,7 @@ pub mod lights;
 mod log_record;
 pub mod machine;
 pub mod memory;
+pub mod mesh;
 pub mod mix;
 pub mod output;
 pub mod photograph;

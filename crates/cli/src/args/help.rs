@@ -11,7 +11,7 @@ struct ShortHelp {
     example: &'static str,
 }
 
-const SHORT: [ShortHelp; 19] = [
+const SHORT: [ShortHelp; 20] = [
     ShortHelp { command: "demo", options: &["output", "iterations", "method", "device", "quiet"], example: "luxel demo -o luxel-demo" },
     ShortHelp {
         command: "prepare",
@@ -94,6 +94,11 @@ const SHORT: [ShortHelp; 19] = [
         command: "probe",
         options: &["at", "output", "overwrite", "size", "projection", "near", "up", "output-color-space", "tonemap", "data", "device"],
         example: "luxel probe luxel-demo --at=-1.5,-6.1,1.35 -o probe.exr",
+    },
+    ShortHelp {
+        command: "mesh",
+        options: &["output", "overwrite", "cameras", "voxel", "triangles", "min-island", "max-depth", "up", "data", "quiet"],
+        example: "luxel mesh run -o proxy.usdc\n  luxel mesh run -o proxy.glb --triangles 50000",
     },
     ShortHelp {
         command: "pick",

@@ -9,6 +9,7 @@ mod edit;
 mod export;
 mod help;
 mod lights;
+mod mesh;
 mod mix;
 mod photograph;
 mod pick;
@@ -39,6 +40,7 @@ pub(crate) use self::completions::{CompletionsArgs, ManArgs};
 pub(crate) use self::edit::{EditArgs, EditText, ShMapArg};
 pub(crate) use self::export::ExportArgs;
 pub(crate) use self::lights::LightsArgs;
+pub(crate) use self::mesh::MeshArgs;
 pub(crate) use self::mix::MixArgs;
 pub(crate) use self::pick::PickArgs;
 pub(crate) use self::prepare::PrepareArgs;
@@ -194,6 +196,9 @@ pub(crate) enum Command {
     Probe(Box<ProbeArgs>),
     /// Find the lamps of a scene, and write them with the rest of its light for other programs.
     Lights(Box<LightsArgs>),
+    /// Make a triangle mesh of what the cameras saw, for shadow catchers, holdouts and colliders:
+    /// USD, glTF, PLY, OBJ.
+    Mesh(Box<MeshArgs>),
     /// Show what a pixel of a view is made of: radiance, depth, the point in the world, splats.
     Pick(Box<PickArgs>),
     /// Look at a scene in the browser, in radiance: exposure, false colour, probe, ground truth.

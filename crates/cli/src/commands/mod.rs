@@ -12,6 +12,7 @@ pub(crate) mod eval;
 pub(crate) mod export;
 pub(crate) mod info;
 pub(crate) mod lights;
+pub(crate) mod mesh;
 pub(crate) mod mix;
 pub(crate) mod pick;
 pub(crate) mod prepare;

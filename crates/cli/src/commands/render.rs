@@ -21,6 +21,7 @@ use serde_json::json;
 
 use self::deep::DeepJob;
 use self::photograph::{PhotographJob, Photographer, photographs};
+pub(super) use self::shots::camera_file;
 use self::shots::{Shot, Shots};
 use crate::args::{DeviceArgs, EditText, RenderArgs, flag};
 use crate::inputs::engine;

@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use super::{
     ChannelSource, ChannelStep, DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, Layers, MomentFormat,
-    PassTime, RenderOptions, SavedPart, SparseGradients, SplatArray, StepConfig, StepReport,
+    PassTime, RenderOptions, SavedPart, SparseGradients, SplatArray, StepConfig, StepReport, SurfaceImage,
 };
 use crate::edit::Contributions;
 use crate::{Camera, Image, Moments, Remedy, Splats, View};
@@ -151,6 +151,16 @@ pub trait Engine: Send {
     /// side, for a mix of lights, and from an engine without deep images.
     fn render_deep(&mut self, _camera: &Camera, _options: &RenderOptions, _most_samples: usize) -> Result<DeepImage, EngineError> {
         Err(EngineError::invalid("this engine renders no deep images").with_remedy(Remedy::set("device", "cpu")))
+    }
+
+    /// Renders the distribution of depths of each pixel, by the weights with which
+    /// [`Engine::render`] blends radiance; of a mix of lights, that of the first.
+    ///
+    /// # Errors
+    /// Those of [`Engine::render`]; [`EngineError::Invalid`] for a camera that is no pinhole,
+    /// several samples along a pixel's side, and from an engine without surface images.
+    fn render_surface(&mut self, _camera: &Camera, _options: &RenderOptions) -> Result<SurfaceImage, EngineError> {
+        Err(EngineError::invalid("this engine renders no surface images").with_remedy(Remedy::set("device", "cpu")))
     }
 
     /// Returns the contributions of each splat to the image that [`Engine::render`] makes, in total

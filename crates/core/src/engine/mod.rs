@@ -20,6 +20,7 @@ mod render_only;
 mod saved;
 mod sparse_gradients;
 mod step;
+mod surface;
 
 pub use camera_gradient::{CAMERA_SUMS, CameraGradient, CameraGradientChoice, CameraSums};
 pub use channels::{ChannelLoss, ChannelRoles, ChannelSource, ChannelStep, LEAST_CHANNELS, MeasuredChannels, SeenSplats, check_channels};
@@ -41,3 +42,4 @@ pub use render_only::RenderOnly;
 pub use saved::{SavedPart, SplatArray, check_range};
 pub use sparse_gradients::{SPLATS_PER_BLOCK, STATISTICS_ROWS, SparseGradients, SparsePart};
 pub use step::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, AdamBetas, LearningRates, PositionNoise, StatsCollection, StepConfig, StepReport};
+pub use surface::{SurfaceImage, SurfacePixel};

@@ -4,7 +4,7 @@
 //! A scene of one light is rendered once.
 
 use luxel_core::edit::Contributions;
-use luxel_core::engine::{DeepImage, Evaluations};
+use luxel_core::engine::{DeepImage, Evaluations, SurfaceImage};
 use luxel_core::{EngineError, Image, Layers, Remedy, Splats};
 
 use super::state::{State, final_pixels};
@@ -16,6 +16,7 @@ use crate::passes::normals::{set_normals, unit_or_zero};
 use crate::passes::rasterize::{to_alpha, to_image};
 use crate::passes::samples::resolve;
 use crate::passes::sort_and_rasterize::sort_and_rasterize;
+use crate::passes::surface::{ScreenPeaks, surface};
 use crate::passes::tile_records::{Recording, TileInputs};
 use crate::view::ScreenCamera;
 
@@ -93,6 +94,22 @@ impl State {
         }
         self.forward(camera, Recording::Lists);
         Ok(deep(&self.tile_inputs(camera, Recording::Lists), &self.frame.records, most_samples))
+    }
+
+    /// Renders the distribution of depths of each pixel, that of the first light of a mix.
+    pub(super) fn render_surface(&mut self, camera: &ScreenCamera) -> Result<SurfaceImage, EngineError> {
+        if camera.rays.is_some() {
+            let message = "surface images are of pinholes, found a fisheye or a panorama";
+            return Err(EngineError::invalid(message).with_remedy(Remedy::advice("render pinholes that look where it does")));
+        }
+        if camera.samples > 1 {
+            let message = format!("surface images have 1 sample along a pixel's side, found {}", camera.samples);
+            return Err(EngineError::invalid(message).with_remedy(Remedy::set("samples", "1")));
+        }
+        let camera = camera.for_light(0, self.parameters.layout.color_model.lights());
+        self.forward(&camera, Recording::Lists);
+        let peaks = ScreenPeaks::new(&self.parameters, &camera, &self.frame.footprints);
+        Ok(surface(&self.tile_inputs(&camera, Recording::Lists), &self.frame.records, &peaks))
     }
 
     /// Computes each splat's contributions. `mask` has the size of the image.

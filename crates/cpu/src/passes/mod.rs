@@ -4,9 +4,10 @@
 //! counted there. `camera_backward` runs only in steps that ask for it, and `vignetting` only where
 //! the target has it; its time is counted with `loss`. Passes that are not part of a step:
 //! `contribute` measures which splats a painted mask selects, and `evaluations` counts how many
-//! splats are blended. Both go through a block's splats with `visit_block`, in the order of
-//! `rasterize`. `normals` writes normals in place of radiance, which are then blended alike. `gain`
-//! is the light of edits, which scenes in training do not have.
+//! splats are blended; `deep` lists what pixels are blended from, and `surface` finds their depths.
+//! All go through a block's splats with `visit_block`, in the order of `rasterize`. `normals`
+//! writes normals in place of radiance, which are then blended alike. `gain` is the light of edits,
+//! which scenes in training do not have.
 //!
 //! Helpers: `picks` finds the splats of a block for `rasterize`; `changes` records which splats
 //! changed which pixels, for `rasterize_backward`; `sums` adds gradients up over the pixels of a
@@ -51,6 +52,7 @@ pub(crate) mod sort_and_rasterize;
 pub(crate) mod sparse_update;
 pub(crate) mod splat_channels;
 pub(crate) mod sums;
+pub(crate) mod surface;
 pub(crate) mod tile_records;
 pub(crate) mod update;
 pub(crate) mod vignetting;

@@ -25,6 +25,7 @@ mod oracle;
 mod packed_moments;
 mod probe;
 mod ray_reference;
+mod surface;
 mod tile_memory;
 mod update;
 mod vignetting;

@@ -31,10 +31,10 @@ const KHR: &str = "KHR_gaussian_splatting";
 /// Ours within it.
 const EXTENSION: &str = "LUXEL_gaussian_splatting_radiance";
 
-const GLB_MAGIC: u32 = 0x4654_6c67;
-const CHUNK_JSON: u32 = 0x4e4f_534a;
-const CHUNK_BIN: u32 = 0x004e_4942;
-const FLOAT: u32 = 5126;
+pub(crate) const GLB_MAGIC: u32 = 0x4654_6c67;
+pub(crate) const CHUNK_JSON: u32 = 0x4e4f_534a;
+pub(crate) const CHUNK_BIN: u32 = 0x004e_4942;
+pub(crate) const FLOAT: u32 = 5126;
 
 #[cfg(test)]
 mod tests;

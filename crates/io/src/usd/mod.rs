@@ -20,6 +20,7 @@ mod camera_layer;
 mod cameras;
 mod field;
 mod lexer;
+mod mesh;
 mod reader;
 mod shown;
 mod values;
@@ -34,6 +35,7 @@ pub use camera_layer::{StageCameras, StageChoice, StageMotion, decode_stage_came
 pub(crate) use cameras::UsdCamera;
 pub(crate) use cameras::read_cameras;
 pub use cameras::{UsdCameras, decode_usd_cameras};
+pub(crate) use mesh::{write_mesh_binary, write_mesh_package, write_mesh_text};
 pub(crate) use reader::{decode_binary_file, read_binary_file, read_scene_file};
 pub use reader::{decode_usda, decode_usdc, read_usda};
 pub use writer::{encode_usda, encode_usdc, write_usda, write_usdc, write_usdz};

@@ -60,7 +60,7 @@ pub fn write_usdc(path: &Path, baked: &Baked) -> Result<(), IoError> {
 pub fn write_usdz(path: &Path, baked: &Baked) -> Result<(), IoError> {
     check(path, baked)?;
     write_atomically(path, |file| {
-        binary::write_package(file, |out| binary::write(baked, out)).map_err(|e| IoError::system(path, "write", &e))
+        binary::write_package(file, "splats.usdc", |out| binary::write(baked, out)).map_err(|e| IoError::system(path, "write", &e))
     })
 }
 
@@ -175,9 +175,20 @@ fn write<W: Write + ?Sized>(baked: &Baked, out: &mut W) -> std::io::Result<()> {
 }
 
 /// Writes an attribute of `count` entries.
-fn write_array<W: Write + ?Sized>(
+pub(super) fn write_array<W: Write + ?Sized>(
     out: &mut W,
     name: &str,
+    count: usize,
+    entry: impl Fn(usize, &mut Vec<u8>) + Sync,
+) -> std::io::Result<()> {
+    write_array_with(out, name, "", count, entry)
+}
+
+/// Writes an attribute of `count` entries, and its metadata.
+pub(super) fn write_array_with<W: Write + ?Sized>(
+    out: &mut W,
+    name: &str,
+    metadata: &str,
     count: usize,
     entry: impl Fn(usize, &mut Vec<u8>) + Sync,
 ) -> std::io::Result<()> {
@@ -199,7 +210,7 @@ fn write_array<W: Write + ?Sized>(
             out.write_all(text)?;
         }
     }
-    writeln!(out, "]")
+    writeln!(out, "]{metadata}")
 }
 
 /// Appends values three by three.
@@ -212,7 +223,7 @@ fn tuples(text: &mut Vec<u8>, values: &[f32]) {
     }
 }
 
-fn tuple(text: &mut Vec<u8>, values: &[f32]) {
+pub(super) fn tuple(text: &mut Vec<u8>, values: &[f32]) {
     text.push(b'(');
     for (i, value) in values.iter().enumerate() {
         if i > 0 {

@@ -135,7 +135,8 @@ fn named(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, cons
         }
         let upright = if is_written_as_usd(args) { source.dataset(request, console)? } else { None };
         let stage = stage(source, upright.as_ref())?;
-        let mut all = camera_file(file, args.input.data.is_some(), dataset, || check_unread(args, file, request.explicit))?;
+        let cameras = camera_file(file, args.input.data.is_some(), dataset, || check_unread(args, file, request.explicit))?;
+        let mut all: Vec<Shot> = cameras.into_iter().map(Into::into).collect();
         all.iter_mut().for_each(|shot| shot.camera = source.scene.local_camera(&shot.camera));
         return Ok(Shots { stage: Some(stage), ..Shots::new(all, args.frames) });
     }
@@ -300,12 +301,12 @@ fn check_unread(args: &RenderArgs, file: &Path, explicit: &ExplicitArgs) -> Resu
 
 /// Reads the cameras of a file. The data set completes what the file leaves out; it is read only if
 /// asked for or needed, and `unread` is called otherwise.
-fn camera_file(
+pub(in crate::commands) fn camera_file(
     file: &Path,
     asked: bool,
     dataset: impl FnOnce() -> Result<Option<Dataset>>,
     unread: impl FnOnce() -> Result<()>,
-) -> Result<Vec<Shot>> {
+) -> Result<Vec<PathCamera>> {
     let first = if asked { Err(None) } else { luxel_io::read_camera_path(file, None).map_err(Some) };
     let cameras = match first {
         Ok(cameras) => {
@@ -323,7 +324,7 @@ fn camera_file(
             .context("cannot read the cameras")?
         }
     };
-    Ok(cameras.into_iter().map(Into::into).collect())
+    Ok(cameras)
 }
 
 fn views(dataset: &Dataset, split: SplitArg) -> Vec<Shot> {

@@ -1,5 +1,5 @@
 //! OpenUSD's binary form (crate files, `.usdc`) and packages (`.usdz`): the parts of them that
-//! splats and cameras need.
+//! splats, meshes and cameras need.
 //!
 //! A file has tables of tokens, strings, fields, sets of fields, paths and specs, each compressed,
 //! and values in between, which fields point to. Written is version 0.8.0, which OpenUSD reads
@@ -11,6 +11,7 @@
 
 mod cameras;
 mod integers;
+mod mesh;
 mod numbers;
 mod package;
 mod reader;
@@ -19,6 +20,7 @@ mod tables;
 mod writer;
 
 pub(super) use cameras::read_cameras;
+pub(super) use mesh::write_mesh;
 pub(super) use package::{layer_in_package, write_package};
 pub(super) use splats::{read, write};
 

@@ -25,9 +25,6 @@ const DATE: u16 = 0x21;
 /// A padding's number in a header's extra field; programs skip what they do not know.
 const PADDING: u16 = 0x1986;
 
-/// Name of the scene in packages that are written.
-const NAME: &str = "splats.usdc";
-
 /// Checksum and length of what is written.
 struct Sums {
     digest: crc::Digest<'static, u32, crc::Table<16>>,
@@ -46,19 +43,19 @@ impl Write for Sums {
     }
 }
 
-/// Writes a package with one layer, which `layer` writes, the same each time.
-pub(in crate::usd) fn write_package(out: &mut dyn Write, layer: impl Fn(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+/// Writes a package with one layer of this name, which `layer` writes, the same each time.
+pub(in crate::usd) fn write_package(out: &mut dyn Write, name: &str, layer: impl Fn(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
     let mut sums = Sums { digest: CRC.digest(), length: 0 };
     layer(&mut sums)?;
     let too_large = |_| io::Error::other("a package holds at most 4 GiB; write .usdc");
     let size = u32::try_from(sums.length).map_err(too_large)?;
 
-    let behind_name = LOCAL_BYTES + NAME.len() + 4;
+    let behind_name = LOCAL_BYTES + name.len() + 4;
     let padding = behind_name.next_multiple_of(ALIGNMENT) - behind_name;
     let sizes = [sums.digest.finalize(), size, size].map(u32::to_le_bytes).concat();
     let common = [0u16, 0, 0, DATE].map(u16::to_le_bytes).concat();
-    let lengths = |extra: usize| [NAME.len(), extra].map(|length| (length as u16).to_le_bytes()).concat();
-    let mut local = [&LOCAL.to_le_bytes()[..], &VERSION.to_le_bytes(), &common, &sizes, &lengths(4 + padding), NAME.as_bytes()].concat();
+    let lengths = |extra: usize| [name.len(), extra].map(|length| (length as u16).to_le_bytes()).concat();
+    let mut local = [&LOCAL.to_le_bytes()[..], &VERSION.to_le_bytes(), &common, &sizes, &lengths(4 + padding), name.as_bytes()].concat();
     local.extend(PADDING.to_le_bytes());
     local.extend((padding as u16).to_le_bytes());
     local.resize(behind_name + padding, 0);
@@ -66,7 +63,7 @@ pub(in crate::usd) fn write_package(out: &mut dyn Write, layer: impl Fn(&mut dyn
     layer(out)?;
 
     let versions = [VERSION; 2].map(u16::to_le_bytes).concat();
-    let entry = [&ENTRY.to_le_bytes()[..], &versions, &common, &sizes, &lengths(0), &[0; 14], NAME.as_bytes()].concat();
+    let entry = [&ENTRY.to_le_bytes()[..], &versions, &common, &sizes, &lengths(0), &[0; 14], name.as_bytes()].concat();
     out.write_all(&entry)?;
     let directory_at = u32::try_from(local.len() as u64 + u64::from(size)).map_err(too_large)?;
     let mut end = END.to_le_bytes().to_vec();

@@ -70,6 +70,8 @@ pub(super) enum Form {
     Varying,
     /// One of the schema that does not change over time.
     Uniform,
+    /// One of the schema that has a value for each vertex.
+    PerVertex,
     /// One of no schema.
     Custom,
 }
@@ -118,6 +120,11 @@ impl<W: Write> CrateWriter<W> {
     /// Returns a text's value.
     pub(super) fn string(&mut self, text: &str) -> ValueRep {
         ValueRep::inlined(kind::STRING, self.string_number(text))
+    }
+
+    /// Returns a truth value's value.
+    pub(super) fn bool(&self, value: bool) -> ValueRep {
+        ValueRep::inlined(kind::BOOL, value.into())
     }
 
     /// Returns an integer's value.
@@ -183,7 +190,8 @@ impl<W: Write> CrateWriter<W> {
         Ok(ValueRep::at(kind::TOKEN_LIST_OP, at))
     }
 
-    /// Writes an array of `count` entries of floats in blocks, and returns its value.
+    /// Writes an array of `count` entries of floats, or of integers, in blocks, and returns its
+    /// value.
     pub(super) fn floats(&mut self, kind: u8, count: usize, entry: impl FnMut(usize, &mut Vec<u8>)) -> io::Result<ValueRep> {
         self.rows(kind, [count, 1], entry)
     }
@@ -243,6 +251,7 @@ impl<W: Write> CrateWriter<W> {
         match form {
             Form::Varying => {}
             Form::Uniform => fields.push(FieldValue::new("variability", ValueRep::inlined(kind::VARIABILITY, 1))),
+            Form::PerVertex => fields.push(FieldValue::new("interpolation", self.token("vertex"))),
             Form::Custom => fields.push(FieldValue::new("custom", ValueRep::inlined(kind::BOOL, 1))),
         }
         fields.push(FieldValue::new("default", value));
