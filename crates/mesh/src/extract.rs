@@ -59,7 +59,7 @@ pub(crate) fn extract(volume: &Volume, voxel: f64) -> TriangleMesh {
 fn block_surface(volume: &Volume, place: Place) -> Option<BlockSurface> {
     let blocks = volume.corner(place);
     let at = |x: usize, y: usize, z: usize| -> Option<&Voxel> {
-        let block = blocks[x / SIDE | y / SIDE << 1 | z / SIDE << 2]?;
+        let block = blocks[x / SIDE + 2 * (y / SIDE) + 4 * (z / SIDE)]?;
         block.get((z % SIDE * SIDE + y % SIDE) * SIDE + x % SIDE)
     };
     let voxels: Vec<Option<&Voxel>> =

@@ -53,7 +53,6 @@ impl Network {
     }
 
     /// Returns the number of weights and biases.
-    #[expect(clippy::len_without_is_empty, reason = "a network has weights")]
     pub(crate) fn len(&self) -> usize {
         self.sizes.windows(2).map(|pair| (pair[0] + 1) * pair[1]).sum()
     }
