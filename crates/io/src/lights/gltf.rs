@@ -2,7 +2,7 @@
 //!
 //! A ball becomes a point light, a flat lamp a spot light whose cone is the half space. Intensities
 //! are radiance times area, along the normal of a flat lamp: candela where the radiance is nits.
-//! A spot light falls off by the square of the cosine's part of its cone, a flat lamp by the cosine.
+//! A spot light falls off by the square of the cosine, a flat lamp by the cosine.
 //! The extras state shape and radiance.
 
 use std::path::Path;

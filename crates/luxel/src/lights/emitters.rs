@@ -27,7 +27,7 @@ const MOST_GROUPS: usize = 64;
 pub(super) struct Emitter {
     /// The splats, ascending.
     pub(super) splats: Vec<u32>,
-    /// What each adds to the images, the same order.
+    /// The light that each adds to the images, the same order.
     pub(super) weights: Vec<f64>,
     /// Mean place, by weight, local coordinates of the scene.
     pub(super) middle: DVec3,

@@ -22,7 +22,7 @@ const MOST_BEYOND: f64 = 4.0;
 /// Part of the mean square by which least squares are kept from running off.
 const DAMPING: f64 = 1e-4;
 
-/// What a camera sees of a lamp.
+/// The light of a lamp that a camera sees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Sample {
     /// Direction from the lamp to the camera, a unit vector.
@@ -48,7 +48,7 @@ pub(super) enum Distribution {
     Flat(DVec3),
 }
 
-/// What explains the samples.
+/// A distribution of light that explains the samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fit {
     pub(super) distribution: Distribution,
