@@ -11,7 +11,7 @@ struct ShortHelp {
     example: &'static str,
 }
 
-const SHORT: [ShortHelp; 20] = [
+const SHORT: [ShortHelp; 21] = [
     ShortHelp { command: "demo", options: &["output", "iterations", "method", "device", "quiet"], example: "luxel demo -o luxel-demo" },
     ShortHelp {
         command: "prepare",
@@ -90,6 +90,7 @@ const SHORT: [ShortHelp; 20] = [
         options: &["output", "overwrite", "bake", "output-color-space", "exposure", "tonemap", "refine", "crop", "max-splats", "scale"],
         example: "luxel export run -o set.usda --output-color-space acescg\n  luxel export run -o set.spz --max-splats 200000",
     },
+    ShortHelp { command: "lights", options: &["output", "at", "no-dome", "data", "quiet"], example: "luxel lights run -o lights.usda" },
     ShortHelp {
         command: "probe",
         options: &["at", "output", "overwrite", "size", "projection", "near", "up", "output-color-space", "tonemap", "data", "device"],
