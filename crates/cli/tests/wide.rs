@@ -112,6 +112,6 @@ fn lamps_are_written_in_every_format_with_the_rest_of_the_light() {
     }
     place.error(&["lights", "run", "-o", "lights.usda"], &["exists already"]);
     place.error(&["lights", "run", "-o", "lights.obj"], &[".usda"]);
-    std::fs::copy(place.path("run/point_cloud/iteration_30/point_cloud.ply"), place.path("scene.ply")).ok();
+    std::fs::copy(place.path("run/point_cloud/iteration_40/point_cloud.ply"), place.path("scene.ply")).unwrap();
     place.error(&["lights", "scene.ply", "-o", "other.usda"], &["no cameras", "--data"]);
 }

@@ -63,8 +63,8 @@ fn a_ball_is_found_where_it_is_with_its_light() {
     let [light] = &lights[..] else { panic!("{lights:?} {left:?}") };
     assert!(matches!(light.shape, LightShape::Sphere { .. }) && light.cameras == 9 && light.error < 0.03, "{light:?}");
     assert!(DVec3::from_array(light.middle).distance(DVec3::new(0.3, -0.2, 3.0)) < 1e-3, "{light:?}");
-    // The light of a Gaussian: 2 pi sigma^2 times its opacity. The scene's rasteriser widens it by a
-    // variance of 0.3 pixels.
+    // The light of a Gaussian: 2 pi sigma^2 times its opacity. The scene's rasteriser widens it by
+    // a variance of 0.3 pixels.
     let variance = 0.08f64.powi(2) + 0.3 * (3.0 / room_camera([96, 96]).focal_px.x).powi(2);
     let expected = f64::from(scene.radiance_scale.restored_value(LAMP[0])) * 0.99 * 2.0 * std::f64::consts::PI * variance;
     assert!((light.intensity[0] / expected - 1.0).abs() < 0.05, "{light:?} {expected}");
