@@ -4,9 +4,9 @@
 //! In: a scene, the cameras of its training views, and an engine. Out: balls, discs and rectangles
 //! in world coordinates and the units of the data set. A lamp is a group of splats whose pixels are
 //! brighter than [`LightOptions::medians`] times the scene's median. Its power is fitted to what
-//! all cameras that see it get from it ([`fit`]), not read off one map: cameras measure light in
-//! directions that training knows, and Lambert's law takes it to the others. What has no clear
-//! shape, or is so far that the cameras see it from one side only, stays in the map.
+//! all cameras that see it get from it, not read off one map: cameras measure light in directions
+//! that training knows, and Lambert's law takes it to the others. What has no clear shape, or is so
+//! far that the cameras see it from one side only, stays in the map.
 //!
 //! Degenerate: a scene of even light has no lamps; its map holds all of its light. Mirrors show
 //! lamps that are not there, where they seem to be.
@@ -157,10 +157,11 @@ pub fn scene_lights(
             alpha: dome.fill,
             ..ProbeOptions::at(at)
         };
-        let mut map = probe(scene.clone(), &map, Some(dataset), engine, observer)?;
+        let conversion = Conversion::between(scene.color_space, options.color_space);
+        let typical = conversion.apply(scene.radiance_scale.restored(emitters::typical(&views)));
+        let mut map = probe(scene, &map, Some(dataset), engine, observer)?;
         if dome.fill {
-            let typical = scene.radiance_scale.restored(emitters::typical(&views));
-            result.unseen_share = map.fill_unseen(Conversion::between(scene.color_space, options.color_space).apply(typical));
+            result.unseen_share = map.fill_unseen(typical);
         }
         result.dome = Some(map);
     }
