@@ -106,6 +106,7 @@ impl Kind {
             &["export", "run", "-o", "scene.ply"][..],
             &["edit", "run", "-o", "edited.ply", "--gain", "2"],
             &["probe", "run", "-o", "probe.exr", "--at", "0,0,0"],
+            &["lights", "run", "-o", "lights.usda"],
             &["mesh", "run", "-o", "mesh.ply"],
             &["mix", "run", "run", "-o", "mixed.ply"],
             &["render", "run", "-o", "renders", "--edit", "gain 2"],

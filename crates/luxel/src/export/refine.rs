@@ -17,7 +17,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use luxel_core::engine::{AdamBetas, CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
-use luxel_core::{ColorModel, Dataset, Engine, LossWeights, PixelValues, Scene, Similarity, Target, ToneCurve, View};
+use luxel_core::{Camera, ColorModel, Dataset, Engine, LossWeights, PixelValues, Scene, Similarity, Target, ToneCurve, View};
 use luxel_io::{Appearance, BakeOptions, Baked};
 
 use super::error::reference;
@@ -68,9 +68,13 @@ fn shown(dataset: &Dataset) -> &[View] {
 
 /// Returns a view without its image, whose camera has at most [`MOST_PIXELS`].
 fn reduced(view: &View) -> View {
-    let pixels = |factor: u32| view.camera.size_px.map(|side| u64::from(side / factor)).iter().product::<u64>();
-    let factor = (1..).find(|factor| pixels(*factor) <= MOST_PIXELS).unwrap_or(1);
-    View { camera: view.camera.downscaled(factor), ..view.clone() }
+    View { camera: with_at_most(&view.camera, MOST_PIXELS), ..view.clone() }
+}
+
+/// Returns a camera reduced by a whole factor, so that it has at most this many pixels.
+pub(crate) fn with_at_most(camera: &Camera, pixels: u64) -> Camera {
+    let reduced = |factor: u32| camera.size_px.map(|side| u64::from(side / factor)).iter().product::<u64>();
+    camera.downscaled((1..).find(|factor| reduced(*factor) <= pixels).unwrap_or(1))
 }
 
 /// Checks that there is memory for the largest parts of [`write_with_refined_display`] on a
@@ -235,7 +239,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         crate::synthetic::write_dataset(folder.path(), crate::synthetic::BallsOptions { side_px: 16, views: 9 }).unwrap();
         let view = crate::Dataset::open(folder.path()).unwrap().train[0].clone();
-        let sized = |size_px: [u32; 2]| View { camera: luxel_core::Camera { size_px, ..view.camera.clone() }, ..view.clone() };
+        let sized = |size_px: [u32; 2]| View { camera: Camera { size_px, ..view.camera.clone() }, ..view.clone() };
         let many = vec![sized([4000, 3000]); 150];
         let found = Refinement::DEFAULT.views(&many);
         assert!(found.len() == 50 && found.iter().all(|view| view.camera.size_px == [1000, 750]), "{:?}", found[0].camera);

@@ -26,7 +26,7 @@ use self::emitters::Emitter;
 use self::fit::{Distribution, Fit, Sample};
 pub use self::table::{lights_csv, lights_json};
 use crate::error::{Context, ensure};
-use crate::export::{Up, UpAxis, file_from_world};
+use crate::export::{Up, UpAxis, file_from_world, with_at_most};
 use crate::probe::{Probe, ProbeOptions, probe};
 use crate::run::FrameProgress;
 use crate::{Observer, Result, text};
@@ -201,11 +201,7 @@ struct Found {
 fn cameras(dataset: &Dataset) -> Vec<Camera> {
     let views: &[View] = if dataset.train.is_empty() { &dataset.test } else { &dataset.train };
     let stride = views.len().div_ceil(MOST_VIEWS).max(1);
-    let reduced = |view: &View| {
-        let pixels = |factor: u32| view.camera.size_px.map(|side| u64::from(side / factor)).iter().product::<u64>();
-        view.camera.downscaled((1..).find(|factor| pixels(*factor) <= MOST_PIXELS).unwrap_or(1))
-    };
-    views.iter().step_by(stride).map(reduced).collect()
+    views.iter().step_by(stride).map(|view| with_at_most(&view.camera, MOST_PIXELS)).collect()
 }
 
 /// Renders the views; the engine then holds the scene.
