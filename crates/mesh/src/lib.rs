@@ -3,7 +3,7 @@
 //! In: [`DepthFrame`]s in any unit, [`FusionOptions`]. Out: a [`TriangleMesh`] in the coordinates
 //! of the cameras, with normals and radiance, and a [`FusionReport`]. Depths become truncated
 //! signed distances in a sparse volume, weighted by how sure they are; the surface is extracted
-//! where several images agree, rid of small islands and simplified. Lengths follow from the images,
+//! where several images agree, rid of small islands and holes, and simplified. Lengths follow from the images,
 //! unless given. Equal input gives equal bits for any number of threads. Degenerate: images that
 //! agree on nothing are an error.
 //!
@@ -35,6 +35,7 @@
 mod clean;
 mod error;
 mod extract;
+mod fill;
 mod frame;
 mod lengths;
 mod simplify;
@@ -56,6 +57,9 @@ pub const LEAST_VIEWS: usize = 3;
 /// Diagonal of the smallest island that is kept, in voxels, unless given.
 const MIN_ISLAND_VOXELS: f64 = 16.0;
 
+/// Diagonal of the largest hole that is filled, in voxels, unless given.
+const MAX_HOLE_VOXELS: f64 = 32.0;
+
 /// Options of a fusion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FusionOptions {
@@ -65,6 +69,8 @@ pub struct FusionOptions {
     pub max_depth: Option<f64>,
     /// Islands whose bounding box has a shorter diagonal are removed; `None` for 16 voxels.
     pub min_island: Option<f64>,
+    /// Flat holes whose bounding box has a shorter diagonal are filled; `None` for 32 voxels.
+    pub max_hole: Option<f64>,
     /// Number of triangles to simplify the mesh to; `None` for all.
     pub triangles: Option<usize>,
     /// Memory that the volume may take, bytes.
@@ -73,7 +79,7 @@ pub struct FusionOptions {
 
 impl Default for FusionOptions {
     fn default() -> Self {
-        Self { voxel: None, max_depth: None, min_island: None, triangles: None, max_bytes: 2 << 30 }
+        Self { voxel: None, max_depth: None, min_island: None, max_hole: None, triangles: None, max_bytes: 2 << 30 }
     }
 }
 
@@ -87,6 +93,8 @@ pub struct FusionReport {
     pub volume_bytes: u64,
     /// Islands that were removed.
     pub islands_removed: usize,
+    /// Holes that were filled.
+    pub holes_filled: usize,
     /// Triangles before simplification.
     pub triangles_before: usize,
 }
@@ -118,7 +126,8 @@ pub fn fuse(frames: Vec<DepthFrame>, options: &FusionOptions) -> Result<(Triangl
     if mesh.triangles.is_empty() {
         return Err(MeshError::OnlyIslands { islands: islands_removed, min_island });
     }
+    let holes_filled = fill::fill_holes(&mut mesh, options.max_hole.unwrap_or(MAX_HOLE_VOXELS * lengths.voxel));
     let triangles_before = mesh.triangles.len();
     options.triangles.into_iter().for_each(|triangles| simplify::simplify(&mut mesh, triangles));
-    Ok((mesh, FusionReport { lengths, volume_bytes, islands_removed, triangles_before }))
+    Ok((mesh, FusionReport { lengths, volume_bytes, islands_removed, holes_filled, triangles_before }))
 }

@@ -15,6 +15,7 @@ mod errors;
 mod images;
 mod json;
 mod lens;
+mod light_and_mesh;
 mod metrics;
 mod names;
 mod observer;
@@ -42,6 +43,8 @@ fn _luxel(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<dataset::PyView>()?;
     module.add_class::<scene::PyScene>()?;
     module.add_class::<probe::PyProbe>()?;
+    module.add_class::<light_and_mesh::PyLights>()?;
+    module.add_class::<light_and_mesh::PyMesh>()?;
     module.add_class::<training::PyTraining>()?;
     module.add_class::<training::PyProgress>()?;
     module.add_class::<rasterization::PyRasterizer>()?;

@@ -160,3 +160,31 @@ assert (scene.positions == 1).all()
 
 def test_an_array_that_takes_its_time_blocks_no_other_thread() -> None:
     subprocess.run([sys.executable, "-c", DEADLOCK], check=True, timeout=30)
+
+
+def test_lamps_of_a_scene(dataset: luxel.Dataset, scene: luxel.Scene, tmp_path: Path) -> None:
+    lights = scene.lights(dataset, medians=20, width=64, device="cpu")
+    assert len(lights) == len(lights.lamps) == 1 and lights.color_space == "linear-rec709"
+    lamp = lights.lamps[0]
+    np.testing.assert_allclose(lamp["middle"], [0, 0, 0], atol=0.5)
+    assert lamp["radiance"][0] > lamp["radiance"][2] > 0
+    assert lights.map is not None and lights.map.image.shape == (32, 64, 3) and 0 <= lights.unseen_share < 1
+    lights.save(tmp_path / "lights.usda")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["lights.usda", "lights_dome.exr"]
+    assert scene.lights(dataset, medians=20, map=False).map is None
+    with pytest.raises(luxel.LuxelError, match="medians: found 1"):
+        scene.lights(dataset, medians=1)
+
+
+def test_mesh_of_a_scene(dataset: luxel.Dataset, scene: luxel.Scene, tmp_path: Path) -> None:
+    mesh = scene.mesh(dataset, voxel=0.1, min_island=0.2)
+    count = len(mesh.positions)
+    assert mesh.normals.shape == mesh.radiance.shape == (count, 3) and mesh.triangles.max() < count
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-4)
+    assert mesh.voxel == pytest.approx(0.1) and mesh.color_space == scene.color_space
+    by_cameras = scene.mesh(cameras=[view.camera for view in dataset.train], voxel=0.1, min_island=0.2)
+    np.testing.assert_array_equal(by_cameras.positions, mesh.positions)
+    mesh.save(tmp_path / "proxy.ply")
+    assert (tmp_path / "proxy.ply").read_bytes().startswith(b"ply")
+    with pytest.raises(luxel.LuxelError, match="both are None"):
+        scene.mesh()

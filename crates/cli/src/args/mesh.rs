@@ -6,7 +6,7 @@ use clap::Args;
 use luxel::mesh::MeshOptions;
 
 use super::SceneDataArgs;
-use crate::args::values::{SpaceArg, UpArg, parse_positive_f64};
+use crate::args::values::{SpaceArg, UpArg, parse_length, parse_positive_f64};
 
 /// `luxel mesh`.
 #[derive(Debug, Args)]
@@ -46,6 +46,10 @@ pub(crate) struct MeshArgs {
     /// units, above 0 [default: 16 voxels].
     #[arg(long, value_parser = parse_positive_f64, value_name = "SIZE", help_heading = "Surface")]
     pub(crate) min_island: Option<f64>,
+    /// Fill flat holes that are smaller across than this, world units, 0 for none [default: 32
+    /// voxels].
+    #[arg(long, value_parser = parse_length, value_name = "SIZE", help_heading = "Surface")]
+    pub(crate) max_hole: Option<f64>,
     /// Colour space of the radiance at the vertices [default: the scene's].
     #[arg(long, value_enum, value_name = "SPACE", help_heading = "World")]
     pub(crate) output_color_space: Option<SpaceArg>,
@@ -68,6 +72,7 @@ impl MeshArgs {
             voxel: self.voxel,
             triangles: self.triangles.map(|triangles| triangles as usize),
             min_island: self.min_island,
+            max_hole: self.max_hole,
             max_depth: self.max_depth,
             image_size: self.image_size,
             max_views: self.max_views as usize,

@@ -18,7 +18,9 @@ use serde::Serialize;
 pub(crate) use self::captures::{SupervisionArg, parse_masks};
 pub(crate) use self::markers::MarkerFamilyArg;
 pub(crate) use self::transfer::TransferArg;
-pub(crate) use self::world::{LensArg, RotationArg, UpArg, parse_crop, parse_direction, parse_point, parse_positive_f64, rotation};
+pub(crate) use self::world::{
+    LensArg, RotationArg, UpArg, parse_crop, parse_direction, parse_length, parse_point, parse_positive_f64, rotation,
+};
 
 /// `--format`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -1,13 +1,12 @@
 //! `luxel lights`: the lamps of a scene, and the rest of its light.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::Result;
-use luxel::lights::{AreaLight, SceneLights, lights_csv, lights_json, scene_lights};
+use luxel::lights::{AreaLight, EXTENSIONS, SceneLights, lights_json, map_path, scene_lights};
 use luxel::run::ExplicitArgs;
 use luxel::{Device, output, text};
-use luxel_core::Dataset;
-use luxel_io::{ExrSample, LightShape, write_atomically, write_lights};
+use luxel_io::LightShape;
 
 use crate::args::LightsArgs;
 use crate::args::values::UpArg;
@@ -19,9 +18,9 @@ use crate::output::tree::Tree;
 /// Finds and writes the lamps; `explicit` names the options that were given.
 pub(crate) fn run(args: &LightsArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(args.input.console.log_format, args.input.console.quiet);
-    output::check_extension(&args.output, &["usda", "glb", "json", "csv"])?;
+    output::check_extension(&args.output, &EXTENSIONS)?;
     output::check_free(&args.output, args.overwrite)?;
-    let map = (!args.no_dome).then(|| dome_path(&args.output));
+    let map = (!args.no_dome).then(|| map_path(&args.output));
     if let Some(map) = &map {
         output::check_free(map, args.overwrite)?;
     }
@@ -36,7 +35,7 @@ pub(crate) fn run(args: &LightsArgs, explicit: &ExplicitArgs) -> Result<()> {
     }
     let mut engine = engine::engine(&device)?.engine;
     let lights = scene_lights(source.scene, &dataset, &args.options(), engine.as_mut(), &console)?;
-    write(args, &lights, &dataset, map.as_deref())?;
+    lights.save(&args.output, UpArg::up(args.up), &dataset)?;
     if lights.lights.is_empty() {
         console.warn("no lamps found: all light is in the map; a lower --medians finds fainter ones");
     }
@@ -53,32 +52,6 @@ pub(crate) fn run(args: &LightsArgs, explicit: &ExplicitArgs) -> Result<()> {
     let mut json = tree.json();
     json["lights"] = lights_json(&lights);
     console.finish(json, &format!("{}{}", tree.text().trim_end(), lamps_text(&lights.lights)))
-}
-
-/// Returns the path of the map beside a file.
-fn dome_path(output: &Path) -> PathBuf {
-    let stem = output.file_stem().unwrap_or_default().to_string_lossy();
-    output.with_file_name(format!("{stem}_dome.exr"))
-}
-
-/// Writes the lamps and the map.
-fn write(args: &LightsArgs, lights: &SceneLights, dataset: &Dataset, map: Option<&Path>) -> Result<()> {
-    if let (Some(dome), Some(path)) = (&lights.dome, map) {
-        dome.save_exr(path, ExrSample::Float)?;
-    }
-    let text = match args.output.extension().and_then(|extension| extension.to_str()) {
-        Some("json") => format!("{:#}\n", lights_json(lights)),
-        Some("csv") => lights_csv(lights),
-        _ => {
-            let texture = map.and_then(Path::file_name).map(|name| format!("./{}", name.to_string_lossy()));
-            write_lights(&args.output, &lights.stage(texture.as_deref(), UpArg::up(args.up), dataset)?)?;
-            return Ok(());
-        }
-    };
-    write_atomically(&args.output, |file| {
-        file.write_all(text.as_bytes()).map_err(|e| luxel_io::IoError::system(&args.output, "write", &e))
-    })?;
-    Ok(())
 }
 
 fn describe(args: &LightsArgs, lights: &SceneLights, map: Option<&Path>) -> Tree {

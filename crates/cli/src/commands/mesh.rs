@@ -73,6 +73,7 @@ fn describe(args: &MeshArgs, mesh: &SceneMesh) -> Tree {
     tree.set("file", args.output.display().to_string()).set("file_bytes", std::fs::metadata(&args.output).map_or(0, |file| file.len()));
     tree.set("triangles", mesh.triangles()).set("vertices", mesh.vertices());
     tree.set("triangles_before", mesh.report.triangles_before).set("islands_removed", mesh.report.islands_removed);
+    tree.set("holes_filled", mesh.report.holes_filled);
     tree.set("views", mesh.views).set("color_space", mesh.color_space().name());
     tree.set_f32("voxel", lengths.voxel as f32).set_f32("truncation", lengths.truncation as f32);
     tree.set_f32("max_depth", lengths.max_depth as f32).set_f32("diagonal", lengths.extent as f32);

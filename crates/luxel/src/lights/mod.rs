@@ -18,9 +18,11 @@ mod table;
 #[cfg(test)]
 mod tests;
 
+use std::path::{Path, PathBuf};
+
 use glam::{DMat3, DVec3};
 use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Engine, Image, Scene, View};
-use luxel_io::{LightShape, StageDome, StageLight, StageLights};
+use luxel_io::{ExrSample, IoError, LightShape, StageDome, StageLight, StageLights, write_atomically, write_lights};
 
 use self::emitters::Emitter;
 use self::fit::{Distribution, Fit, Sample};
@@ -168,7 +170,40 @@ pub fn scene_lights(
     Ok(result)
 }
 
+/// Extensions of files of lamps.
+pub const EXTENSIONS: [&str; 4] = ["usda", "glb", "json", "csv"];
+
+/// Returns the path of the map beside a file of lamps.
+pub fn map_path(output: &Path) -> PathBuf {
+    let stem = output.file_stem().unwrap_or_default().to_string_lossy();
+    output.with_file_name(format!("{stem}_dome.exr"))
+}
+
 impl SceneLights {
+    /// Writes the lamps; the extension is the format, one of [`EXTENSIONS`]. A map goes beside it,
+    /// to [`map_path`]. `up` is the direction of the scene that is up.
+    ///
+    /// # Errors
+    /// Another extension; an axis that is no unit vector; the file system's refusal.
+    pub fn save(&self, path: impl AsRef<Path>, up: Up, dataset: &Dataset) -> Result<()> {
+        let path = path.as_ref();
+        crate::output::check_extension(path, &EXTENSIONS)?;
+        let map = map_path(path);
+        if let Some(dome) = &self.dome {
+            dome.save_exr(&map, ExrSample::Float)?;
+        }
+        let text = match path.extension().and_then(|extension| extension.to_str()) {
+            Some("json") => format!("{:#}\n", lights_json(self)),
+            Some("csv") => lights_csv(self),
+            _ => {
+                let texture = self.dome.as_ref().and(map.file_name()).map(|name| format!("./{}", name.to_string_lossy()));
+                return Ok(write_lights(path, &self.stage(texture.as_deref(), up, dataset)?)?);
+            }
+        };
+        write_atomically(path, |file| file.write_all(text.as_bytes()).map_err(|e| IoError::system(path, "write", &e)))?;
+        Ok(())
+    }
+
     /// Returns the lights in the stage that `luxel export` puts the scene into: +y is up, lengths
     /// are the data set's. `dome` is the path of the map from the layer's folder.
     ///

@@ -31,6 +31,8 @@ pub struct MeshOptions {
     pub triangles: Option<usize>,
     /// Islands whose bounding box has a shorter diagonal are removed; `None` for 16 voxels.
     pub min_island: Option<f64>,
+    /// Flat holes whose bounding box has a shorter diagonal are filled; `None` for 32 voxels.
+    pub max_hole: Option<f64>,
     /// Depth up to which pixels count; `None` for where a pixel is as wide as four voxels.
     pub max_depth: Option<f64>,
     /// Longest side of the depth images, pixels.
@@ -51,6 +53,7 @@ impl Default for MeshOptions {
             voxel: None,
             triangles: None,
             min_island: None,
+            max_hole: None,
             max_depth: None,
             image_size: 400,
             max_views: 200,
@@ -106,6 +109,7 @@ pub fn mesh(
         voxel: to_local(options.voxel),
         max_depth: to_local(options.max_depth),
         min_island: to_local(options.min_island),
+        max_hole: to_local(options.max_hole),
         triangles: options.triangles,
         max_bytes: luxel_io::memory_limit().saturating_sub(bytes),
     };

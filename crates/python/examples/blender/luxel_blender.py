@@ -1,4 +1,4 @@
-"""Blender add-on for Luxel: camera paths out, plates and depth in, light probes as world light.
+"""Blender add-on for Luxel: camera paths out; plates, depth, lamps, probes and proxy meshes in.
 
 Install it in Blender (Edit, Preferences, Add-ons, Install from Disk), or import it in a script that
 has `bpy`. Its panel is in the 3D view's sidebar, tab Luxel. Without a window:
@@ -7,6 +7,8 @@ has `bpy`. Its panel is in the 3D view's sidebar, tab Luxel. Without a window:
 
 Coordinates: Blender's are those of Luxel's world, turned so that up is +Z. The turn is that of the
 light probe's map, which `luxel.Probe.map_from_world` has; without a probe, nothing is turned.
+Lamps and proxy meshes come as OpenUSD, with the axes that Blender gives its imports: they belong to
+splats, cameras and maps from OpenUSD, and not to a world with that turn.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy.props import FloatVectorProperty, StringProperty
+from bpy.props import EnumProperty, FloatVectorProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 from mathutils import Matrix, Vector
 
@@ -29,7 +31,7 @@ bl_info = {
     "version": (0, 1, 0),
     "blender": (4, 2, 0),
     "location": "3D View, sidebar, Luxel",
-    "description": "Camera paths out, plates and depth in, light probes as world light",
+    "description": "Camera paths out; plates, depth, lamps, probes and proxy meshes in",
     "category": "Import-Export",
 }
 
@@ -235,6 +237,64 @@ def add_points(positions: object, size: float, turn: Matrix, name: str = "Luxel 
     return points
 
 
+def import_usd(path: str | Path) -> list[bpy.types.Object]:
+    """Imports an OpenUSD file and returns its objects; Blender turns +Y up into +Z up."""
+    if not Path(path).is_file():
+        raise ValueError(f"{path}: no such file")
+    before = set(bpy.data.objects)
+    if "FINISHED" not in bpy.ops.wm.usd_import(filepath=str(path)):
+        raise ValueError(f"{path}: Blender could not read it as OpenUSD")
+    return [item for item in bpy.data.objects if item not in before]
+
+
+def add_lights(path: str | Path) -> list[bpy.types.Object]:
+    """Adds the lamps of a file of `luxel lights`, and its map as the world."""
+    # Blender drops a DomeLight where there is no world.
+    if bpy.context.scene.world is None:
+        bpy.context.scene.world = bpy.data.worlds.new("Luxel")
+    return [item for item in import_usd(path) if item.type == "LIGHT"]
+
+
+ROLES = (
+    ("CATCHER", "Shadow catcher", "Shows the shadows of objects on the plate"),
+    ("HOLDOUT", "Holdout", "Hides objects that are behind it"),
+    ("COLLIDER", "Collider", "Stops rigid bodies, and is not rendered"),
+)
+
+
+def add_proxy(path: str | Path, role: str = "CATCHER") -> bpy.types.Object:
+    """Adds a mesh of `luxel mesh` in one of the `ROLES`."""
+    meshes = [item for item in import_usd(path) if item.type == "MESH"]
+    if len(meshes) != 1 or "displayColor" not in meshes[0].data.attributes:
+        raise ValueError(f"{path}: expected one mesh with displayColor, as luxel mesh writes it")
+    (proxy,) = meshes
+    proxy.name = "Luxel proxy"
+    if role == "CATCHER":
+        proxy.is_shadow_catcher = True
+    elif role == "HOLDOUT":
+        hide_from_light(proxy)
+    else:
+        proxy.hide_render = True
+        collide(proxy)
+    return proxy
+
+
+def hide_from_light(mesh: bpy.types.Object) -> None:
+    """Lets a mesh hide what is behind it, and do nothing else: its light is in the map already."""
+    mesh.is_holdout = True
+    for ray in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+        setattr(mesh, f"visible_{ray}", False)
+
+
+def collide(mesh: bpy.types.Object) -> None:
+    """Makes a mesh a body that does not move and that others fall on."""
+    bpy.ops.object.select_all(action="DESELECT")
+    mesh.select_set(True)
+    bpy.context.view_layer.objects.active = mesh
+    bpy.ops.rigidbody.object_add(type="PASSIVE")
+    mesh.rigid_body.collision_shape = "MESH"
+
+
 class LuxelSettings(bpy.types.PropertyGroup):
     """Settings of the add-on."""
 
@@ -309,6 +369,39 @@ class LUXEL_OT_depth(bpy.types.Operator, ImportHelper):  # noqa: N801
         return {"FINISHED"}
 
 
+class LUXEL_OT_lights(bpy.types.Operator, ImportHelper):  # noqa: N801
+    """Add the lamps of luxel lights, and its map as the world"""
+
+    bl_idname = "luxel.lights"
+    bl_label = "Lamps"
+    filter_glob: StringProperty(default="*.usda", options={"HIDDEN"})  # type: ignore[valid-type]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            add_lights(self.filepath)
+        except ValueError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+class LUXEL_OT_proxy(bpy.types.Operator, ImportHelper):  # noqa: N801
+    """Add a mesh of luxel mesh that catches shadows, hides objects or stops bodies"""
+
+    bl_idname = "luxel.proxy"
+    bl_label = "Proxy mesh"
+    filter_glob: StringProperty(default="*.usdc;*.usda;*.usdz", options={"HIDDEN"})  # type: ignore[valid-type]
+    role: EnumProperty(name="Role", items=ROLES, default="CATCHER")  # type: ignore[valid-type]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            add_proxy(self.filepath, self.role)
+        except ValueError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
 class LUXEL_PT_panel(bpy.types.Panel):  # noqa: N801
     """The panel in the sidebar."""
 
@@ -322,11 +415,22 @@ class LUXEL_PT_panel(bpy.types.Panel):  # noqa: N801
         column.operator(LUXEL_OT_world_light.bl_idname)
         column.operator(LUXEL_OT_plate.bl_idname)
         column.operator(LUXEL_OT_depth.bl_idname)
+        column.operator(LUXEL_OT_lights.bl_idname)
+        column.operator(LUXEL_OT_proxy.bl_idname)
         column.operator(LUXEL_OT_camera_path.bl_idname)
         column.prop(context.scene.luxel, "map_from_world")
 
 
-CLASSES = (LuxelSettings, LUXEL_OT_world_light, LUXEL_OT_camera_path, LUXEL_OT_plate, LUXEL_OT_depth, LUXEL_PT_panel)
+CLASSES = (
+    LuxelSettings,
+    LUXEL_OT_world_light,
+    LUXEL_OT_camera_path,
+    LUXEL_OT_plate,
+    LUXEL_OT_depth,
+    LUXEL_OT_lights,
+    LUXEL_OT_proxy,
+    LUXEL_PT_panel,
+)
 
 
 def register() -> None:

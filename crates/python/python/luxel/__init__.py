@@ -28,7 +28,9 @@ from . import metrics
 from ._luxel import (
     Camera,
     Dataset,
+    Lights,
     LuxelError,
+    Mesh,
     Probe,
     Progress,
     Scene,
@@ -51,7 +53,9 @@ if TYPE_CHECKING:
 __all__ = [
     "Camera",
     "Dataset",
+    "Lights",
     "LuxelError",
+    "Mesh",
     "Probe",
     "Progress",
     "Scene",

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 _Path = Union[str, PathLike[str]]
 _F32 = NDArray[np.float32]
 _F64 = NDArray[np.float64]
+_U32 = NDArray[np.uint32]
 _Report = Callable[[int, int, str], Any]
 
 __version__: str
@@ -233,6 +234,35 @@ class Scene:
         dataset: Dataset | None = None,
         device: str = "auto",
     ) -> Probe: ...
+    def lights(
+        self,
+        dataset: Dataset,
+        *,
+        medians: float = 100.0,
+        most: int = 32,
+        map: bool = True,
+        at: Sequence[float] | None = None,
+        width: int = 1024,
+        fill: bool = True,
+        up: Sequence[float] | None = None,
+        color_space: str = "linear-rec709",
+        device: str = "auto",
+    ) -> Lights: ...
+    def mesh(
+        self,
+        dataset: Dataset | None = None,
+        *,
+        cameras: Sequence[Camera] | None = None,
+        voxel: float | None = None,
+        triangles: int | None = None,
+        min_island: float | None = None,
+        max_hole: float | None = None,
+        max_depth: float | None = None,
+        image_size: int = 400,
+        max_views: int = 200,
+        up: Sequence[float] | None = None,
+        color_space: str | None = None,
+    ) -> Mesh: ...
     @property
     def color_model(self) -> str: ...
     @property
@@ -250,6 +280,35 @@ class Scene:
     @property
     def raster(self) -> dict[str, Any]: ...
     def __len__(self) -> int: ...
+
+class Lights:
+    @property
+    def lamps(self) -> list[dict[str, Any]]: ...
+    @property
+    def map(self) -> Probe | None: ...
+    @property
+    def unseen_share(self) -> float: ...
+    @property
+    def left_in_map(self) -> list[str]: ...
+    @property
+    def color_space(self) -> str: ...
+    def save(self, path: _Path) -> None: ...
+    def __len__(self) -> int: ...
+
+class Mesh:
+    @property
+    def positions(self) -> _F32: ...
+    @property
+    def normals(self) -> _F32: ...
+    @property
+    def radiance(self) -> _F32: ...
+    @property
+    def triangles(self) -> _U32: ...
+    @property
+    def voxel(self) -> float: ...
+    @property
+    def color_space(self) -> str: ...
+    def save(self, path: _Path) -> None: ...
 
 class Probe:
     @property

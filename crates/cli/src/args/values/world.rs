@@ -96,6 +96,12 @@ pub(crate) fn parse_positive_f64(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| format!("expected a number above 0, got \"{text}\""))
 }
 
+/// Parses a length of 0 or more.
+pub(crate) fn parse_length(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|v: &f64| v.is_finite() && *v >= 0.0);
+    number.ok_or_else(|| format!("expected a number, 0 or more, got \"{text}\""))
+}
+
 /// A turn of `--rotate`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct RotationArg {
