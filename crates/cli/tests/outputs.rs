@@ -32,6 +32,8 @@ fn frames_are_kept_where_equal_and_replaced_on_request_where_not() {
         &["--alpha"],
         &["--depth"],
         &["--normals"],
+        &["--aov", "id"],
+        &["--matte", "all=all"],
         &["--output-color-space", "acescg"],
         &["--samples", "1"],
         &["--exr-type", "float"],

@@ -23,10 +23,11 @@ mod lights;
 mod local_frame;
 mod memory;
 mod mesh;
-#[cfg(not(feature = "ocio"))]
-mod ocio_absent;
 #[cfg(feature = "ocio")]
-mod ocio_space;
+mod ocio;
+#[cfg(not(feature = "ocio"))]
+#[path = "ocio/absent.rs"]
+mod ocio;
 mod photo;
 mod pinhole;
 mod ply;
@@ -40,6 +41,7 @@ mod tensors;
 mod usd;
 mod validity;
 
+pub use self::ocio::{OcioDisplay, OcioSpace};
 pub use arrays::{Arrays, NamedArray, decode_arrays, encode_arrays, holds_arrays, read_arrays, write_arrays};
 pub use atomic::{WriteSeek, is_unfinished_name, notice_written, remove_unfinished, sweep_unfinished, write_atomically};
 pub use bake::{Appearance, BakeOptions, Baked, MIDDLE_GREY, display_exposure};
@@ -62,19 +64,15 @@ pub use depth::{DepthFolder, DepthKind, DepthMap, DepthReport, decode_depth_map,
 pub use error::{IoError, IoErrorKind};
 pub use gltf::{decode_glb, encode_glb, read_glb, write_glb};
 pub use image::{
-    DecodedImage, ExrAttributes, ExrOptions, ExrSample, HALF_MAX, LightLevels, ReadOptions, SampleDepth, Transfer, color_interop_id,
-    decode_codes, decode_image, downscale, downscale_masked, encode_deep_exr, encode_exr, encode_jpeg, encode_png, encode_png_pq,
-    holds_radiance, image_size, pinhole_within, read_codes, read_exr_attributes, read_image, undistort, undistort_into, write_deep_exr,
-    write_exr, write_png,
+    DecodedImage, ExrAttributes, ExrOptions, ExrPlane, ExrSample, HALF_MAX, LightLevels, PlaneValues, ReadOptions, SampleDepth, Transfer,
+    color_interop_id, decode_codes, decode_image, downscale, downscale_masked, encode_deep_exr, encode_exr, encode_jpeg, encode_png,
+    encode_png_pq, holds_radiance, image_size, pinhole_within, read_codes, read_exr_attributes, read_image, undistort, undistort_into,
+    write_deep_exr, write_exr, write_png,
 };
 pub use lights::{LightShape, StageDome, StageLight, StageLights, encode_lights_glb, stage_lights_text, write_lights};
 pub use luxel_core::photo::{Codes, Exif, IccProfile, PhotoInfo, PhotoKind, RawInfo, RawPixels};
 pub use memory::{available_memory, given_memory_limit, memory_limit, set_memory_limit, system_memory};
 pub use mesh::{MeshFile, MeshFormat, write_mesh};
-#[cfg(not(feature = "ocio"))]
-pub use ocio_absent::OcioSpace;
-#[cfg(feature = "ocio")]
-pub use ocio_space::OcioSpace;
 pub use photo::{Photo, decode_photo, decode_photo_layer, is_photo_name, photo_info};
 pub use pinhole::{decode_pinhole_camera, read_pinhole_camera};
 pub use ply::{

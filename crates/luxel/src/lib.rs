@@ -52,6 +52,7 @@
 //! }
 //! ```
 
+pub mod aov;
 pub mod bench;
 pub mod blocks;
 pub mod build_info;

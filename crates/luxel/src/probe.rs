@@ -102,7 +102,7 @@ impl Probe {
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn save_preview(&self, path: &Path, look: Look) -> Result<()> {
+    pub fn save_preview(&self, path: &Path, look: &Look) -> Result<()> {
         let mut image = self.image.clone();
         image.pixels.iter_mut().for_each(|pixel| *pixel = self.radiance_scale.normalised(*pixel));
         preview::write(path, &image, self.color_space, look)

@@ -1,4 +1,4 @@
-//! What leaves a scene as lamps and geometry: its light, and a proxy mesh.
+//! Lamps and geometry of a scene for other programs: its light, and a proxy mesh.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -189,14 +189,15 @@ impl PyScene {
     /// Makes a proxy mesh: what the cameras saw, as triangles.
     ///
     /// Args:
-    ///     dataset: its training views look at the scene, unless there are `cameras`; it tells where
-    ///         up is.
+    ///     dataset: its training views look at the scene, unless there are `cameras`; it tells
+    ///         where up is.
     ///     cameras: cameras that look at the scene.
     ///     voxel: finest detail, world units; None for 1/256 of the scene's diagonal or what the
     ///         images resolve.
     ///     triangles: simplifies the mesh to this many.
     ///     min_island: parts that are smaller across are removed, world units; None for 16 voxels.
-    ///     max_hole: flat holes that are smaller across are filled, world units; None for 32 voxels.
+    ///     max_hole: flat holes that are smaller across are filled, world units; None for 32
+    ///         voxels.
     ///     max_depth: what lies further away is left out, world units.
     ///     image_size: longest side of the depth images, pixels.
     ///     max_views: of more cameras, evenly spread ones are taken.

@@ -130,3 +130,68 @@ def test_depth_is_a_surface_that_hides_what_is_behind_it(tmp_path: Path) -> None
     bpy.context.scene.render.film_transparent = True
     coverage = render(tmp_path / "ball.exr")[..., 3]
     assert coverage[10:38, :30].max() < 0.5 and coverage[20:28, 35:40].min() > 0.5
+
+
+@pytest.fixture(scope="module")
+def out(dataset: luxel.Dataset, scene: luxel.Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Lamps, mesh, cameras and plates of the scene of all tests, as files."""
+    folder: Path = tmp_path_factory.mktemp("out")
+    scene.lights(dataset, medians=20, width=64).save(folder / "lights.usda")
+    scene.mesh(dataset, voxel=0.1, min_island=0.2).save(folder / "proxy.usdc")
+    views = {f"images_{n}": view.camera for n, view in enumerate(dataset.train[:2])}
+    luxel.write_cameras(folder / "cameras.usda", views, dataset=dataset)
+    (folder / "plates").mkdir()
+    for n, view in enumerate(views.values()):
+        luxel.write_exr(folder / "plates" / f"{n}.exr", scene.render(view, device="cpu"), camera=view)
+    return folder
+
+
+def test_lamps_come_with_their_radiance_and_the_map(scene: luxel.Scene, dataset: luxel.Dataset, out: Path) -> None:
+    lamp = scene.lights(dataset, medians=20, map=False).lamps[0]
+    (item,) = luxel_blender.add_lights(out / "lights.usda")
+    # Blender's energy of a lamp that is not normalised is pi times radiance.
+    np.testing.assert_allclose(np.array(item.data.color) * item.data.energy / np.pi, lamp["radiance"], rtol=1e-3)
+    assert any(node.type == "TEX_ENVIRONMENT" for node in bpy.context.scene.world.node_tree.nodes)
+    with pytest.raises(ValueError, match="no such file"):
+        luxel_blender.add_lights(out / "nowhere.usda")
+
+
+def test_a_proxy_mesh_catches_hides_and_stops(out: Path) -> None:
+    catcher = luxel_blender.add_proxy(out / "proxy.usdc")
+    assert catcher.is_shadow_catcher and len(catcher.data.polygons) > 10
+    holdout = luxel_blender.add_proxy(out / "proxy.usdc", "HOLDOUT")
+    assert holdout.is_holdout and not holdout.visible_shadow
+    collider = luxel_blender.add_proxy(out / "proxy.usdc", "COLLIDER")
+    assert collider.hide_render and collider.rigid_body.type == "PASSIVE"
+    with pytest.raises(ValueError, match="one mesh"):
+        luxel_blender.add_proxy(out / "cameras.usda")
+
+
+def test_a_body_comes_to_rest_on_a_collider() -> None:
+    bpy.ops.mesh.primitive_plane_add(size=4.0)
+    luxel_blender.collide(bpy.context.object)
+    bpy.ops.mesh.primitive_uv_sphere_add(radius=0.2, location=(0.0, 0.0, 1.0))
+    ball = bpy.context.object
+    bpy.ops.rigidbody.object_add(type="ACTIVE")
+    ball.rigid_body.collision_shape = "SPHERE"
+    for frame in range(1, 101):
+        bpy.context.scene.frame_set(frame)
+    height = ball.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world.translation.z
+    assert height == pytest.approx(0.2, abs=0.05)
+
+
+def test_an_object_is_composited_with_its_shadow(out: Path, tmp_path: Path) -> None:
+    cg_object = pytest.importorskip("cg_object")
+    words = [out / "lights.usda", out / "proxy.usdc", out / "cameras.usda", out / "plates", tmp_path / "shot"]
+    options = ["--object", "grey-ball", "--size", "0.3", "--near", "2", "--pixel", "16,12", "--samples", "4"]
+    cg_object.run(cg_object.arguments_of([*map(str, words), *options]))
+    for n in (0, 1):
+        plate, made = (luxel.read_image(path)[0] for path in (out / "plates" / f"{n}.exr", tmp_path / "shot" / f"{n}.exr"))
+        # Blender reads half floats; far from the object nothing changes.
+        difference = np.abs(made - plate).max(-1)
+        assert difference[0, 0] == pytest.approx(0, abs=1e-3) and difference.max() > 1
+        for part in ("object", "shadow"):
+            assert (tmp_path / "shot" / f"{n}_{part}.exr").stat().st_size > 0
+    assert (tmp_path / "shot" / "scene.blend").exists()
+    with pytest.raises(ValueError, match="shows nothing of the proxy mesh"):
+        cg_object.run(cg_object.arguments_of([*map(str, words), *options[:-3], "0,0"]))

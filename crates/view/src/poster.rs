@@ -35,7 +35,7 @@ pub(crate) fn jpeg(subject: &Subject, renderer: &mut Renderer) -> Result<Vec<u8>
     let radiance = renderer.render(&camera)?;
     let mut image = Image { width: radiance.width(), height: radiance.height(), pixels: radiance.pixels().to_vec() };
     image.scale(subject.facts.radiance_scale.recip());
-    preview::encode_jpeg(&image, subject.color_space, Look::usual(subject.color_space), QUALITY)
+    preview::encode_jpeg(&image, subject.color_space, &Look::usual(subject.color_space), QUALITY)
 }
 
 /// Returns a camera of the world that sees most of the scene.

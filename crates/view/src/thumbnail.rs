@@ -28,5 +28,5 @@ pub(crate) fn jpeg(image: &Image, radiance_scale: f32, space: ColorSpace) -> Res
     let mut small = image.block_means((image.height / HEIGHT_PX).min(image.width).max(1));
     small.scale(radiance_scale.recip());
     // Images are light, also of scenes whose colours are a display's.
-    preview::encode_jpeg(&small, space.linear(), Look::usual(space), QUALITY).map_err(|error| format!("{error:#}"))
+    preview::encode_jpeg(&small, space.linear(), &Look::usual(space), QUALITY).map_err(|error| format!("{error:#}"))
 }

@@ -175,7 +175,7 @@ impl FromArgMatches for EditOptions {
 pub(crate) struct EditText(pub(crate) Vec<Edit>);
 
 /// A selection in its text form.
-fn parse_selection(text: &str) -> Result<Selection, String> {
+pub(crate) fn parse_selection(text: &str) -> Result<Selection, String> {
     let selection: Selection = text.parse().map_err(|e: luxel_core::edit::EditTextError| e.to_string())?;
     selection.check().map(|()| selection).map_err(|e| e.to_string())
 }

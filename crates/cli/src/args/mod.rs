@@ -3,12 +3,14 @@
 
 mod bench;
 mod blocks;
+pub(crate) mod channels;
 mod compare;
 mod completions;
 mod edit;
 mod export;
 mod help;
 mod lights;
+pub(crate) mod look;
 mod mesh;
 mod mix;
 mod photograph;

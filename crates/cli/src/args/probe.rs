@@ -2,16 +2,18 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::{ArgGroup, Args, ValueEnum};
 use luxel::probe::ProbeOptions;
 use luxel_core::environment::Projection;
 
 use super::SceneDataArgs;
+use super::look::OcioLookArgs;
 use crate::args::values::{ExrTypeArg, SpaceArg, TonemapArg, UpArg, parse_finite, parse_point, parse_positive};
 
 /// `luxel probe`.
 #[derive(Debug, Args)]
 #[command(
+    group(ArgGroup::new("look").args(["tonemap", "ocio"])),
     mut_arg("data", |arg| arg.help("Data set whose cameras give the up direction and the resolution of rendering [default for a run: its own]")),
     after_help = "The map is the radiance that arrives at the point from every direction, in the units of the data set: light a scene with it.\n\
     Axes are those of OpenEXR: +y is up, the middle of a latitude-longitude map looks along +z, +x is to the left of it. They are those of \
@@ -53,6 +55,8 @@ pub(crate) struct ProbeArgs {
     /// Also write a tone-mapped 8-bit preview beside the map, FILE.png, with this curve.
     #[arg(long, value_enum, value_name = "CURVE", help_heading = "Map")]
     pub(crate) tonemap: Option<TonemapArg>,
+    #[command(flatten)]
+    pub(crate) ocio_look: OcioLookArgs,
     /// Exposure of the preview in stops; 0 shows the scene's radiance scale as 1.
     #[arg(
         long,
@@ -60,7 +64,7 @@ pub(crate) struct ProbeArgs {
         value_name = "EV",
         allow_negative_numbers = true,
         value_parser = parse_finite,
-        requires = "tonemap",
+        requires = "look",
         help_heading = "Map"
     )]
     pub(crate) exposure: f32,

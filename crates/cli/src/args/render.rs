@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use clap::{ArgGroup, Args};
 use luxel_train::parse_rgb;
 
+use super::channels::ChannelArgs;
 use super::edit::parse_edits;
+use super::look::OcioLookArgs;
 use super::photograph::PhotographArgs;
 use super::{EditText, SceneDataArgs, ShMapArg};
 use crate::args::values::{
@@ -16,7 +18,7 @@ use crate::args::values::{
 /// `luxel render`.
 #[derive(Debug, Args)]
 #[command(
-    group(ArgGroup::new("look").args(["tonemap", "video"]).multiple(true)),
+    group(ArgGroup::new("look").args(["tonemap", "ocio", "video"]).multiple(true)),
     mut_arg("data", |arg| arg.help("Data set whose cameras are rendered [default for a run: its own]"))
 )]
 pub(crate) struct RenderArgs {
@@ -93,19 +95,8 @@ pub(crate) struct RenderArgs {
     /// Colour space of the EXR files [default: the scene's].
     #[arg(long, value_enum, value_name = "SPACE", help_heading = "Images")]
     pub(crate) output_color_space: Option<SpaceArg>,
-    /// Add channel A, the coverage of each pixel by splats. Colours are premultiplied on a black
-    /// background.
-    #[arg(long, help_heading = "Images")]
-    pub(crate) alpha: bool,
-    /// Add channel Z, 32 bits: the mean distance along the viewing axis in world units; 1e10 where
-    /// there is nothing. With an aperture or a shutter, those of the sharp image in the middle of
-    /// the exposure.
-    #[arg(long, help_heading = "Images")]
-    pub(crate) depth: bool,
-    /// Add channels N.X, N.Y and N.Z, 32 bits: unit normals of the world, towards the camera; 0
-    /// where there is nothing. The normal of a splat is its shortest axis.
-    #[arg(long, help_heading = "Images")]
-    pub(crate) normals: bool,
+    #[command(flatten)]
+    pub(crate) channels: ChannelArgs,
     /// Also write deep/VIEW.exr, a deep image of the splats on black: samples R, G, B, A, Z and
     /// ZBack, at most N a pixel, 1 to 1024 [without a value: 32]. Neighbours are merged;
     /// composited, the samples give the image.
@@ -125,6 +116,8 @@ pub(crate) struct RenderArgs {
     /// Also write a tone-mapped 8-bit preview VIEW.png with this curve.
     #[arg(long, value_enum, value_name = "CURVE", help_heading = "Images")]
     pub(crate) tonemap: Option<TonemapArg>,
+    #[command(flatten)]
+    pub(crate) ocio_look: OcioLookArgs,
     /// Exposure of previews and video in stops; 0 shows the scene's radiance scale as 1.
     #[arg(
         long,

@@ -142,10 +142,10 @@ fn pictures(folder: &RunFolder, dataset: &Dataset, trainer: &mut dyn Reconstruct
         scale.normalise(&mut ground_truth);
         let (shadows_ev, highlights_ev) = exposures(view, scale);
         for (endings, exposure_ev) in PICTURE_ENDINGS.into_iter().zip([shadows_ev, highlights_ev]) {
-            let look = Look { tonemap: Tonemap::Agx, exposure_ev };
+            let look = Look { curve: Tonemap::Agx.into(), exposure_ev };
             for (ending, image) in endings.into_iter().zip([&render, &ground_truth]) {
                 let path = folder.root().join(PICTURES_FOLDER).join(format!("{}_{ending}.png", view.stem()));
-                preview::write(&path, image, dataset.color_space, look)?;
+                preview::write(&path, image, dataset.color_space, &look)?;
                 paths.push(path);
             }
         }

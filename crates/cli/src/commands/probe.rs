@@ -9,6 +9,7 @@ use luxel_core::environment::Light;
 use luxel_core::{Camera, Dataset, Scene};
 
 use crate::args::ProbeArgs;
+use crate::args::look::note_of_display;
 use crate::inputs::engine;
 use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::output::console::Console;
@@ -19,7 +20,7 @@ pub(crate) fn run(args: &ProbeArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(args.input.console.log_format, args.input.console.quiet);
     output::check_extension(&args.output, &["exr"])?;
     output::check_free(&args.output, args.overwrite)?;
-    let preview = args.tonemap.map(|tonemap| (args.output.with_extension("png"), tonemap));
+    let preview = args.ocio_look.curve(args.tonemap)?.map(|curve| (args.output.with_extension("png"), curve));
     if let Some((path, _)) = &preview {
         output::check_free(path, args.overwrite)?;
     }
@@ -43,8 +44,9 @@ pub(crate) fn run(args: &ProbeArgs, explicit: &ExplicitArgs) -> Result<()> {
     if probe.save_exr(&args.output, args.exr_type.sample(probe.image()))? > 0 {
         console.warn("values exceed 65504, the largest half float, and are cut there; leave --exr-type half out");
     }
-    if let Some((path, tonemap)) = &preview {
-        probe.save_preview(path, Look { tonemap: (*tonemap).into(), exposure_ev: args.exposure })?;
+    if let Some((path, curve)) = preview {
+        note_of_display(&curve).into_iter().for_each(|note| console.note(&note));
+        probe.save_preview(&path, &Look { curve, exposure_ev: args.exposure })?;
     }
     if probe.left_out > 0 {
         console.note(&format!("{} nearer than --near left out", text::plural(probe.left_out, "splat")));

@@ -1,5 +1,6 @@
 //! `luxel render`: images of a scene in the units of the data set, and a video of them.
 
+mod channels;
 mod deep;
 mod photograph;
 mod shots;
@@ -9,8 +10,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use luxel::edit::StackInputs;
-use luxel::output::{self, FrameForm, FrameState, Recipe};
-use luxel::preview::{self, Look};
+use luxel::output::{self, FrameState, Recipe};
+use luxel::preview::{self, Curve, Look};
 use luxel::run::evaluation::unique_stems;
 use luxel::run::{ExplicitArgs, FrameProgress, state};
 use luxel::{Device, FAR_DEPTH, RADIANCE_SCALE, files, text};
@@ -19,10 +20,12 @@ use luxel_core::{Camera, ColorSpace, Conversion, Engine, Layers, RasterConfig, R
 use luxel_io::ExrOptions;
 use serde_json::json;
 
+use self::channels::{ChannelRenderer, Neighbours, Picture};
 use self::deep::DeepJob;
 use self::photograph::{PhotographJob, Photographer, photographs};
 pub(super) use self::shots::camera_file;
 use self::shots::{Shot, Shots};
+use crate::args::look::note_of_display;
 use crate::args::{DeviceArgs, EditText, RenderArgs, flag};
 use crate::inputs::engine;
 use crate::inputs::masks;
@@ -37,6 +40,7 @@ struct Job {
     png: Option<PathBuf>,
     deep: Option<DeepJob>,
     photograph: Option<PhotographJob>,
+    neighbours: Option<Neighbours>,
     /// Digest of what decides the image.
     made_by: String,
     /// Digest of what decides the preview.
@@ -101,24 +105,34 @@ fn warn_of_display(args: &RenderArgs, scene: &Scene, console: &Console) {
     }
 }
 
+/// The choices that all images share.
+struct Making<'a> {
+    args: &'a RenderArgs,
+    scene: &'a Scene,
+    /// Curve of previews and SDR video; `None` without them.
+    curve: Option<Curve>,
+}
+
 /// Renders and writes the images of all jobs.
 fn make(
-    args: &RenderArgs,
-    scene: &Scene,
+    making: &Making<'_>,
     engine: &mut dyn Engine,
     options: &RenderOptions,
     jobs: &[&Job],
+    mut channels: ChannelRenderer,
     console: &Console,
 ) -> Result<()> {
+    let Making { args, scene, .. } = *making;
     let mut too_bright = 0usize;
     let mut photographer = Photographer::default();
     let mut progress = FrameProgress { observer: console, done: 0, total: u32::try_from(jobs.len()).unwrap_or(u32::MAX) };
     for job in jobs {
-        let picture =
-            render(args, scene, job, engine, options, &mut photographer).with_context(|| format!("cannot render {}", job.exr.display()))?;
+        let picture = channels
+            .render(args, scene, job, engine, options, &mut photographer)
+            .with_context(|| format!("cannot render {}", job.exr.display()))?;
         let is_cut = deep::write(args, scene, job, engine, options)
             .with_context(|| format!("cannot render the deep image of {}", job.exr.display()))?;
-        too_bright += usize::from(write(args, scene, job, picture)? || is_cut);
+        too_bright += usize::from(write(making, job, picture)? || is_cut);
         let deep = job.deep.as_ref().map(|deep| &deep.path);
         progress.add(&job.name, std::iter::once(&job.exr).chain(&job.png).chain(deep).cloned().collect());
     }
@@ -136,9 +150,11 @@ fn make(
 pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(args.input.console.log_format, args.input.console.quiet);
     output::check_folder_name(&args.output, &output::IMAGE_EXTENSIONS)?;
+    let curve = args.ocio_look.curve(args.tonemap)?;
     if let Some(path) = &args.video {
-        video::check(args, path)?;
+        video::check(args, path, curve.as_ref())?;
     }
+    curve.as_ref().and_then(note_of_display).into_iter().for_each(|note| console.note(&note));
     let mut source = SceneSource::open_to_render(&args.input.scene, &console)?;
     let request = DataRequest::new(&args.input, explicit);
     let shots = shots::shots(args, request, &source, &console)?;
@@ -164,9 +180,11 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
         Content::Lifted => recipe = recipe.with("colors", "lifted"),
     }
     let photographs = photographs(args, scene, &shots)?;
-    let all = jobs(args, shots, photographs, &recipe, &console)?;
+    let neighbours = Neighbours::of_shots(args, &shots)?;
+    let making = Making { args, scene, curve };
+    let all = jobs(&making, shots, photographs, neighbours, &recipe, &console)?;
     let jobs = unmade(&all, args.overwrite)?;
-    let video = args.video.as_ref().map(|path| video::Video::plan(args, path, &all)).transpose()?;
+    let video = args.video.as_ref().map(|path| video::Video::plan(&making, path, &all)).transpose()?;
     if jobs.len() < all.len() {
         console.note(&format!("{} exist already and are kept", text::plural(all.len() - jobs.len(), "image")));
     }
@@ -182,10 +200,14 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     if let Some(written) = written {
         written.write(args.overwrite, &console)?;
     }
+    if !args.channels.matte.is_empty() && matches!(content, Content::Implicit(_)) {
+        bail!("--matte: mattes are of splats, and this scene has none; leave it out");
+    }
+    let channels = ChannelRenderer::new(args, &source, request, &console)?;
     if matches!(content, Content::Nothing) {
         engine.load(&scene.splats, None).context("cannot load the scene")?;
     }
-    make(args, scene, engine.as_mut(), &options, &jobs, &console)?;
+    make(&making, engine.as_mut(), &options, &jobs, channels, &console)?;
     let text = format!("{} in {}", text::plural(jobs.len(), "new image"), args.output.display());
     let mut facts = json!({ "output": args.output.display().to_string(), "frames": all.len(), "new_frames": jobs.len() });
     if let Some(video) = video {
@@ -216,9 +238,7 @@ fn samples(args: &RenderArgs, scene: &Scene, console: &Console) -> u8 {
 
 /// Returns the recipe of all images, but for their cameras.
 fn recipe(args: &RenderArgs, scene: &Scene, options: &RenderOptions) -> Recipe {
-    let RenderArgs { alpha, depth, normals, .. } = *args;
-    let form = FrameForm { color_space: color_space(args, scene), exr_type: args.exr_type.into(), alpha, depth, normals };
-    Recipe::of_frames(scene, options, form)
+    channels::in_recipe(args, Recipe::of_frames(scene, options, channels::form(args, scene)))
 }
 
 /// Returns the colour space of the EXR files.
@@ -250,69 +270,52 @@ fn unmade(jobs: &[Job], overwrite: bool) -> Result<Vec<&Job>> {
     Ok(unmade)
 }
 
-/// Returns the device: for coverage, depth, normals and deep images, which only the CPU engine
+/// Returns the device: for channels beside radiance and deep images, which only the CPU engine
 /// renders, `auto` means the CPU.
 fn device(args: &RenderArgs) -> DeviceArgs {
     let mut device = args.input.device.clone();
-    if (args.alpha || args.depth || args.normals || args.deep.is_some()) && device.device == Device::Auto {
+    if (args.channels.needs_cpu() || args.deep.is_some()) && device.device == Device::Auto {
         device.device = Device::Cpu;
     }
     device
 }
 
-/// A rendered image with what is asked for beside it.
-struct Picture {
-    layers: Layers,
-    normals: Option<Vec<[f32; 3]>>,
-}
-
-/// Renders the image, with coverage, depth and normals if they are asked for.
-fn render(
-    args: &RenderArgs,
-    scene: &Scene,
-    job: &Job,
-    engine: &mut dyn Engine,
-    options: &RenderOptions,
-    photographer: &mut Photographer,
-) -> Result<Picture> {
-    let camera = &job.camera;
-    luxel::memory::check_render(camera.size_px, options.raster.samples)?;
-    args.deep.map_or(Ok(()), |most_samples| luxel::memory::check_deep(camera.size_px, most_samples))?;
-    let layers = match (&job.photograph, args.alpha || args.depth) {
-        (Some(photograph), _) => {
-            let taken = photographer.take(photograph, scene, engine, options, args.alpha)?;
-            // Depths that are a mean over the aperture are those of nothing.
-            let depth = if args.depth { engine.render_layers(camera, options)?.depth } else { Vec::new() };
-            Layers { depth, ..taken }
-        }
-        (None, true) => engine.render_layers(camera, options)?,
-        (None, false) => Layers { image: engine.render(camera, options)?, ..Layers::default() },
-    };
-    let normals = if args.normals { Some(engine.render_normals(camera, options).context("cannot render normals")?) } else { None };
-    Ok(Picture { layers, normals })
-}
-
 /// Returns file names and cameras of the frames and the shard asked for. Names do not depend on the
 /// part that is rendered.
-fn jobs(args: &RenderArgs, shots: Shots, photographs: Option<Vec<PhotographJob>>, recipe: &Recipe, console: &Console) -> Result<Vec<Job>> {
+fn jobs(
+    making: &Making<'_>,
+    shots: Shots,
+    photographs: Option<Vec<PhotographJob>>,
+    neighbours: Option<Vec<Neighbours>>,
+    recipe: &Recipe,
+    console: &Console,
+) -> Result<Vec<Job>> {
+    let args = making.args;
     let count = shots.frames_len();
     let Shots { all: shots, frames, images_per_frame, .. } = shots;
     let stems = unique_stems(shots.iter().map(|shot| shot.name.as_str()));
     let mut photographs = photographs.map_or_else(|| vec![None; shots.len()], |all| all.into_iter().map(Some).collect());
     let mut job = |(i, (shot, stem)): (usize, (Shot, String))| {
         let photograph: Option<PhotographJob> = photographs[i].take();
+        let neighbours = neighbours.as_ref().map(|all| all[i].clone());
         let of_frame = recipe.clone().with_camera(&shot.camera);
         // Plain renders keep the recipe that they had before there were others.
         let of_frame = photograph.iter().fold(of_frame, |recipe, photograph| recipe.with("photograph", photograph.recipe()));
+        let of_frame = neighbours.iter().fold(of_frame, |recipe, neighbours| recipe.with("motion", neighbours.recipe()));
         let exr = args.output.join(format!("{stem}.exr"));
         let preview = of_frame.clone().with("tonemap", format_args!("{:?}", args.tonemap)).with("exposure", args.exposure);
+        let preview = match &making.curve {
+            Some(Curve::Ocio(display)) => preview.with("ocio", display.digest()),
+            _ => preview,
+        };
         Job {
             name: shot.name,
             camera: shot.camera,
             deep: DeepJob::new(args, &exr, &of_frame),
             photograph,
+            neighbours,
             exr,
-            png: args.tonemap.map(|_| args.output.join(format!("{stem}.png"))),
+            png: making.curve.as_ref().map(|_| args.output.join(format!("{stem}.png"))),
             made_by: of_frame.digest(),
             preview_made_by: preview.digest(),
         }
@@ -334,11 +337,13 @@ fn jobs(args: &RenderArgs, shots: Shots, photographs: Option<Vec<PhotographJob>>
 }
 
 /// Writes the files of a job; returns whether half floats could not hold the image.
-fn write(args: &RenderArgs, scene: &Scene, job: &Job, picture: Picture) -> Result<bool> {
-    let Picture { layers: Layers { mut image, alpha, depth }, normals } = picture;
-    match (&job.png, args.tonemap) {
-        (Some(png), Some(tonemap)) => {
-            preview::write(png, &image, scene.color_space, Look { tonemap: tonemap.into(), exposure_ev: args.exposure })?;
+fn write(making: &Making<'_>, job: &Job, picture: Picture) -> Result<bool> {
+    let Making { args, scene, curve } = making;
+    let Picture { layers: Layers { mut image, alpha, depth }, normals, planes, attributes: named } = picture;
+    let form = channels::form(args, scene);
+    match (&job.png, curve) {
+        (Some(png), Some(curve)) => {
+            preview::write(png, &image, scene.color_space, &Look { curve: curve.clone(), exposure_ev: args.exposure })?;
         }
         // A preview of the image that is replaced would be out of date.
         _ => remove_outdated(&job.exr, output::PREVIEW_MADE_BY, &job.exr.with_extension("png"))?,
@@ -359,6 +364,7 @@ fn write(args: &RenderArgs, scene: &Scene, job: &Job, picture: Picture) -> Resul
     if let Some(deep) = &job.deep {
         attributes.push((output::DEEP_MADE_BY.to_owned(), deep.made_by.clone()));
     }
+    attributes.extend(named);
     let options = ExrOptions {
         sample: args.exr_type.sample(&image),
         color_space,
@@ -366,9 +372,10 @@ fn write(args: &RenderArgs, scene: &Scene, job: &Job, picture: Picture) -> Resul
         numbers: vec![(RADIANCE_SCALE.into(), scene.radiance_scale.get()), (output::PREVIEW_EXPOSURE.into(), args.exposure)],
         camera: Some(scene.world_camera(&job.camera)),
         frames_per_second: args.video.is_some().then_some(args.fps),
-        alpha: args.alpha.then_some(alpha),
-        depth: args.depth.then(|| depth.into_iter().map(|z| (z * unit).min(FAR_DEPTH)).collect()),
+        alpha: form.alpha.then_some(alpha),
+        depth: form.depth.then(|| depth.into_iter().map(|z| (z * unit).min(FAR_DEPTH)).collect()),
         normals: normals.map(|normals| scene.world_from_local.turned(&normals)),
+        planes,
         ..ExrOptions::default()
     };
     let out_of_range = luxel_io::write_exr(&job.exr, &image, &options).context("cannot write an image")?;

@@ -15,14 +15,16 @@ pub struct SurfacePixel {
     /// Distances along the viewing axis in front of which a quarter, a half and three quarters of
     /// the coverage lie.
     pub depth_quartiles: [f32; 3],
+    /// Number of the splat with the greatest weight, the nearest of equals.
+    pub splat: Option<u32>,
 }
 
 impl SurfacePixel {
     /// A pixel that no splat touches.
-    pub const EMPTY: Self = Self { alpha: 0.0, depth_quartiles: [f32::INFINITY; 3] };
+    pub const EMPTY: Self = Self { alpha: 0.0, depth_quartiles: [f32::INFINITY; 3], splat: None };
 
     /// Returns the pixel that is blended from parts: weight, and depth, in any order, which is
-    /// sorted by depth.
+    /// sorted by depth. Its splat is not known.
     ///
     /// ```
     /// use luxel_core::engine::SurfacePixel;
@@ -47,7 +49,7 @@ impl SurfacePixel {
             // Rounding may leave a remainder behind the last part.
             reached.or(parts.last()).map_or(f32::INFINITY, |[_, depth]| *depth)
         });
-        Self { alpha, depth_quartiles }
+        Self { alpha, depth_quartiles, splat: None }
     }
 
     /// Returns the median depth.

@@ -100,6 +100,7 @@ pub(crate) fn surface(inputs: &TileInputs<'_>, records: &TileRecords, peaks: &Sc
     let mut image = SurfaceImage { width, height, pixels: vec![SurfacePixel::EMPTY; width * height] };
     let tile_row = |(row, band): (usize, &mut [SurfacePixel])| {
         let mut parts: [Vec<[f32; 2]>; LANES] = Default::default();
+        let mut heaviest = [Heaviest::default(); LANES];
         for column in 0..across {
             let tile = row * across + column;
             records.read(inputs, tile, |record| {
@@ -114,12 +115,13 @@ pub(crate) fn surface(inputs: &TileInputs<'_>, records: &TileRecords, peaks: &Sc
                     });
                     let start = splats.bins.range(tile).start;
                     parts.iter_mut().for_each(Vec::clear);
-                    let mut lister = Lister { splats, peaks, rays, start, parts: &mut parts };
+                    heaviest.fill(Heaviest::default());
+                    let mut lister = Lister { splats, peaks, rays, start, parts: &mut parts, heaviest: &mut heaviest };
                     with_simd!(level, simd => visit_block(simd, camera, &record.list, block, &mut lister));
                     for (lane, parts) in parts.iter_mut().enumerate() {
                         let (x, y) = (column * TILE_PX + left + lane % BLOCK_PX, top + lane / BLOCK_PX);
                         if x < width && (y + 1) * width <= band.len() {
-                            band[y * width + x] = SurfacePixel::from_parts(parts);
+                            band[y * width + x] = SurfacePixel { splat: heaviest[lane].splat, ..SurfacePixel::from_parts(parts) };
                         }
                     }
                 }
@@ -128,6 +130,13 @@ pub(crate) fn surface(inputs: &TileInputs<'_>, records: &TileRecords, peaks: &Sc
     };
     image.pixels.par_chunks_mut(TILE_PX * width).enumerate().with_max_len(1).for_each(tile_row);
     image
+}
+
+/// The splat with the greatest weight in a pixel so far.
+#[derive(Clone, Copy, Default)]
+struct Heaviest {
+    weight: f32,
+    splat: Option<u32>,
 }
 
 /// A visitor that lists weights and depths of each pixel of a block.
@@ -139,6 +148,7 @@ struct Lister<'a> {
     /// First entry of the tile.
     start: usize,
     parts: &'a mut [Vec<[f32; 2]>; LANES],
+    heaviest: &'a mut [Heaviest; LANES],
 }
 
 impl<S: Simd> Visitor<S> for Lister<'_> {
@@ -148,12 +158,16 @@ impl<S: Simd> Visitor<S> for Lister<'_> {
         if bits == 0 {
             return;
         }
-        let peak = &self.peaks.peaks[self.splats.bins.splat(self.start + entry.place as usize)];
+        let splat = self.splats.bins.splat(self.start + entry.place as usize);
+        let peak = &self.peaks.peaks[splat];
         let weight = hit.weight.lanes();
         while bits != 0 {
             let lane = bits.trailing_zeros() as usize;
             bits &= bits - 1;
             self.parts[lane].push([weight[lane], peak.depth(self.rays[lane])]);
+            if weight[lane] > self.heaviest[lane].weight {
+                self.heaviest[lane] = Heaviest { weight: weight[lane], splat: Some(splat as u32) };
+            }
         }
     }
 }

@@ -32,7 +32,7 @@ fn a_flat_splat_is_where_the_ray_meets_its_plane() {
         // The splat's x axis points to (1, 0, -1): its plane is x + z = 4.
         let expected = 4.0 / (1.0 + slope);
         assert!((f64::from(pixel.median_depth()) - expected).abs() < 2e-3, "{n}: {} {expected}", pixel.median_depth());
-        assert_eq!(pixel.spread(), 0.0);
+        assert_eq!((pixel.spread(), pixel.splat), (0.0, Some(0)));
         seen += 1;
     }
     assert!(seen > 20, "{seen}");

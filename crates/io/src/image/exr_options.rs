@@ -54,6 +54,36 @@ pub struct ExrOptions {
     pub depth: Option<Vec<f32>>,
     /// Channels N.X, N.Y, N.Z, `[H*W]`, always of 32 bits: unit normals of the world.
     pub normals: Option<Vec<[f32; 3]>>,
+    /// Further channels, always of 32 bits.
+    pub planes: Vec<ExrPlane>,
+}
+
+/// A channel beside radiance.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExrPlane {
+    /// Its name, with its layer: `forward.u`.
+    pub name: String,
+    /// Its values.
+    pub values: PlaneValues,
+}
+
+/// Values of a channel, `[H*W]`, row by row from the top.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PlaneValues {
+    /// Floats.
+    Float(Vec<f32>),
+    /// Unsigned integers.
+    Whole(Vec<u32>),
+}
+
+impl PlaneValues {
+    /// Returns the number of values.
+    pub(super) fn len(&self) -> usize {
+        match self {
+            Self::Float(values) => values.len(),
+            Self::Whole(values) => values.len(),
+        }
+    }
 }
 
 /// Largest finite number of [`ExrSample::Half`].

@@ -52,7 +52,7 @@ use crate::read_file::{open_regular, read_file};
 
 pub use exr_attributes::{ExrAttributes, read_exr_attributes};
 pub use exr_deep::{encode_deep_exr, write_deep_exr};
-pub use exr_options::{ExrOptions, ExrSample, HALF_MAX};
+pub use exr_options::{ExrOptions, ExrPlane, ExrSample, HALF_MAX, PlaneValues};
 pub use interop_id::name as color_interop_id;
 pub use png_pq::{LightLevels, encode_png_pq};
 pub use resample::{downscale, downscale_masked, pinhole_within, undistort, undistort_into};

@@ -58,8 +58,9 @@ pub fn encode_exr(name: &Path, image: &Image, options: &ExrOptions) -> Result<Ve
     }
     let count = image.pixels.len();
     let lengths = [options.alpha.as_ref().map(Vec::len), options.depth.as_ref().map(Vec::len), options.normals.as_ref().map(Vec::len)];
-    if let Some(found) = lengths.into_iter().flatten().find(|found| *found != count) {
-        return Err(IoError::invalid(name, format!("{found} values of opacity, depth or normals for {count} pixels")));
+    let mut lengths = lengths.into_iter().flatten().chain(options.planes.iter().map(|plane| plane.values.len()));
+    if let Some(found) = lengths.find(|found| *found != count) {
+        return Err(IoError::invalid(name, format!("{found} values of a channel for {count} pixels")));
     }
     let encoding = Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
     let layer = Layer::new((width, height), attributes(name, options)?, encoding, ImageChannels::new(image, options));

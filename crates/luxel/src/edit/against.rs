@@ -158,6 +158,6 @@ impl Trial<'_> {
         luxel_io::write_exr(&path("exr"), image, &options).context("cannot write an image")?;
         let mut normalized = image.clone();
         candidate.scene.radiance_scale.normalise(&mut normalized);
-        preview::write(&path("png"), &normalized, color_space, Look { tonemap: Tonemap::Mulaw, exposure_ev: 0.0 })
+        preview::write(&path("png"), &normalized, color_space, &Look { curve: Tonemap::Mulaw.into(), exposure_ev: 0.0 })
     }
 }

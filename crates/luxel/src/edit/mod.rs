@@ -15,6 +15,7 @@ pub(crate) mod trial;
 pub use self::against::{Against, EditComparison, EditFidelity, FULL_SCALE_ERROR, compare_edits};
 pub use self::clean::{RemovalReason, Removed, Watching};
 pub use self::masks::{find_view, mask_names, needs_dataset, project_masks};
+pub(crate) use self::overlay::with_radiance;
 pub use self::overlay::{Overlay, draw_overlay, overlay_png, selection_weights};
 pub use self::stack::{StackInputs, align, apply_stack, read_stack, stack_file_text};
 use luxel_core::Edit;

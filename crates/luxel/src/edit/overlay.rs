@@ -63,16 +63,16 @@ pub fn overlay_png(overlay: Overlay<'_>, engine: &mut dyn Engine) -> Result<Vec<
     let options = RenderOptions { background, ..scene.render_options() };
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let render = engine.render(camera, &options).context("cannot render the view")?;
-    engine.load(&with_radiance(&scene.splats, weights), None).context("cannot load the selection")?;
+    engine.load(&with_radiance(&scene.splats, weights.iter().map(|weight| [*weight; 3])), None).context("cannot load the selection")?;
     let selected = engine.render(camera, &RenderOptions { background: [0.0; 3], ..options }).context("cannot render the selection")?;
     let rgb8 = blend(scene, &render, &selected);
     luxel_io::encode_png(render.width, render.height, rgb8.as_flattened()).context("cannot encode the overlay")
 }
 
-/// Returns the splats with radiance `weights` in every direction.
-fn with_radiance(splats: &Splats, weights: &[f32]) -> Splats {
+/// Returns the splats with a radiance each, the same in every direction.
+pub(crate) fn with_radiance(splats: &Splats, radiance: impl Iterator<Item = [f32; 3]>) -> Splats {
     let color_model = ColorModel::Sh { degree: 0 };
-    let sh = weights.iter().flat_map(|weight| color_model.constant([*weight; 3]).0).collect();
+    let sh = radiance.flat_map(|radiance| color_model.constant(radiance).0).collect();
     Splats { color_model, sh, raw_luminance: Vec::new(), gain: Vec::new(), ..splats.clone() }
 }
 

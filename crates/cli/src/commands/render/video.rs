@@ -14,13 +14,14 @@ use std::process::{ChildStdin, Command, Stdio};
 
 use anyhow::{Context, Result, anyhow, bail};
 use luxel::output::{self, Recipe};
+use luxel::preview::{self, Curve};
 use luxel::text;
-use luxel_core::tone::{REFERENCE_WHITE_NITS, Tonemap, display_rgb8, pq_encode, rec709_of};
+use luxel_core::tone::{REFERENCE_WHITE_NITS, display_rgb8, pq_encode, rec709_of};
 use luxel_core::{ColorSpace, Conversion, Image, RadianceScale};
 use luxel_io::ReadOptions;
 use rayon::prelude::*;
 
-use super::Job;
+use super::{Job, Making};
 use crate::args::RenderArgs;
 use crate::inputs::programs;
 use crate::output::console;
@@ -31,7 +32,7 @@ const KNEE: f32 = 0.5;
 /// The form of the video.
 #[derive(Debug)]
 enum Look {
-    Sdr(Tonemap),
+    Sdr(Curve),
     Hdr10 { peak: f32 },
 }
 
@@ -42,7 +43,7 @@ const INSTALL: &str = "install ffmpeg (Debian: apt-get install ffmpeg)";
 const EXTENSIONS: [&str; 3] = ["mp4", "mov", "mkv"];
 
 /// Refuses a video that could not be made, whatever the frames are.
-pub(super) fn check(args: &RenderArgs, path: &Path) -> Result<()> {
+pub(super) fn check(args: &RenderArgs, path: &Path, curve: Option<&Curve>) -> Result<()> {
     output::check_extension(path, &EXTENSIONS)?;
     if path.is_dir() {
         bail!("{}: is a folder, expected a name for a file", path.display());
@@ -50,16 +51,16 @@ pub(super) fn check(args: &RenderArgs, path: &Path) -> Result<()> {
     if args.stereo.is_some() {
         bail!("--video shows one eye, and --stereo renders two; leave one of them out");
     }
-    look(args)?;
+    look(args, curve)?;
     // Before any frame is rendered, which may take hours.
     programs::require(&args.ffmpeg, "--ffmpeg", INSTALL)
 }
 
-fn look(args: &RenderArgs) -> Result<Look> {
-    Ok(match (args.hdr10, args.tonemap) {
+fn look(args: &RenderArgs, curve: Option<&Curve>) -> Result<Look> {
+    Ok(match (args.hdr10, curve) {
         (Some(peak), _) => Look::Hdr10 { peak: peak as f32 },
-        (None, Some(tonemap)) => Look::Sdr(tonemap.into()),
-        (None, None) => bail!("--video needs --tonemap CURVE for SDR, or --hdr10"),
+        (None, Some(curve)) => Look::Sdr(curve.clone()),
+        (None, None) => bail!("--video needs --tonemap CURVE or --ocio CONFIG for SDR, or --hdr10"),
     })
 }
 
@@ -75,9 +76,14 @@ pub(super) struct Video<'a> {
 impl<'a> Video<'a> {
     /// Finds out whether the video is there, and refuses to replace another unless that is asked
     /// for.
-    pub(super) fn plan(args: &RenderArgs, path: &'a Path, jobs: &[Job]) -> Result<Self> {
-        let look = look(args)?;
-        let mut recipe = Recipe::new("video").with("look", format_args!("{look:?}")).with("exposure", args.exposure).with("fps", args.fps);
+    pub(super) fn plan(making: &Making<'_>, path: &'a Path, jobs: &[Job]) -> Result<Self> {
+        let args = making.args;
+        let look = look(args, making.curve.as_ref())?;
+        let form = match &look {
+            Look::Sdr(curve) => format!("Sdr({})", curve.recipe()),
+            Look::Hdr10 { .. } => format!("{look:?}"),
+        };
+        let mut recipe = Recipe::new("video").with("look", form).with("exposure", args.exposure).with("fps", args.fps);
         for job in jobs {
             recipe = recipe.with("frame", &job.made_by);
         }
@@ -134,7 +140,7 @@ fn feed(mut pipe: ChildStdin, frames: &[&Path], size: [usize; 2], gain: f32, loo
         }
         // As text: a broken pipe in the chain of causes means that the reader of standard output
         // has left.
-        pipe.write_all(&samples(&image, space, gain, look)).map_err(|e| anyhow!("ffmpeg stopped reading: {e}"))?;
+        pipe.write_all(&samples(&image, space, gain, look)?).map_err(|e| anyhow!("ffmpeg stopped reading: {e}"))?;
     }
     Ok(())
 }
@@ -177,17 +183,22 @@ fn read(path: &Path) -> Result<(Image, ColorSpace)> {
 }
 
 /// Returns the bytes of a frame for ffmpeg.
-fn samples(image: &Image, space: ColorSpace, gain: f32, look: &Look) -> Vec<u8> {
-    match look {
-        Look::Sdr(tonemap) => {
+fn samples(image: &Image, space: ColorSpace, gain: f32, look: &Look) -> Result<Vec<u8>> {
+    Ok(match look {
+        Look::Sdr(Curve::Tonemap(tonemap)) => {
             image.pixels.par_iter().flat_map_iter(|p| display_rgb8(*tonemap, 0.0, rec709_of(space, p.map(|c| c * gain)))).collect()
+        }
+        Look::Sdr(curve) => {
+            let mut shown = image.clone();
+            shown.pixels.par_iter_mut().for_each(|p| *p = space.light(*p).map(|c| c * gain));
+            preview::Look { curve: curve.clone(), exposure_ev: 0.0 }.rgb8(&shown, space.linear())?.into_flattened()
         }
         Look::Hdr10 { peak } => {
             let conversion = Conversion::between(space, ColorSpace::LinearRec2020);
             let word = |nits: f32| ((pq_encode(nits) * 65535.0 + 0.5) as u16).to_le_bytes();
             image.pixels.par_iter().flat_map_iter(|p| nits(&conversion, *p, gain, *peak).into_iter().flat_map(word)).collect()
         }
-    }
+    })
 }
 
 /// Returns the display light of a radiance in cd/m2: the largest channel rolls off above the knee

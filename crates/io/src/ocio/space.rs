@@ -1,37 +1,15 @@
 //! Colour spaces of an OpenColorIO configuration: radiance in one of them comes to ACES2065-1, and
 //! from there to the scene's space.
-//!
-//! In: a configuration (`.ocio`, or `ocio://NAME` for one that is built in) and the name of a space
-//! in it. Out: [`OcioSpace`]. The way to ACES2065-1 is the configuration's role `aces_interchange`,
-//! or its space of that name. A configuration is a stranger's file, and so are the tables that it
-//! names: panics of the library are errors; archives, and YAML that expands to much more than its
-//! size, are refused.
 
-use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
+use ::ocio::processor::CpuProcessor;
 use luxel_core::{ColorSpace, Conversion, Image};
-use ocio::Config;
-use ocio::processor::CpuProcessor;
 use rayon::prelude::*;
 
+use super::{CHUNK, content, listed};
 use crate::IoError;
 use crate::image::guard::contain;
-use crate::read_file::read_file;
-
-/// The names that lead to ACES2065-1.
-const INTERCHANGE: [&str; 2] = ["aces_interchange", "ACES2065-1"];
-/// Begins the names of configurations that are built in.
-const BUILT_IN: &str = "ocio://";
-/// Pixels that are converted at a time.
-const CHUNK: usize = 1 << 14;
-/// Repetitions by YAML's aliases: each may repeat others, so that few more could ask for all
-/// memory. Programs write none.
-const MAX_ALIASES: usize = 8;
-/// Largest configuration: those in use have a few hundred kilobytes.
-const MAX_BYTES: usize = 32 << 20;
-/// Spaces that an error names.
-const MAX_LISTED: usize = 12;
 
 /// From one space of a configuration to linear light.
 pub struct OcioSpace {
@@ -46,26 +24,18 @@ impl OcioSpace {
     /// # Errors
     /// No such file, one that is damaged, without the space, or without a way to ACES2065-1.
     pub fn open(config: &Path, space: &str) -> Result<Self, IoError> {
-        let path = config.to_str().ok_or_else(|| IoError::unsupported(config, "expected a name in UTF-8"))?;
-        let content = if path.starts_with(BUILT_IN) { path.as_bytes().to_vec() } else { read_file(config)? };
-        check(config, &content)?;
+        let content = content(config)?;
         let invalid = |message: String| IoError::invalid(config, message);
         let aces_from_input = contain(config, || {
-            let parsed = Config::create_from_file(path).map_err(|e| invalid(e.to_string()))?;
-            let interchange = INTERCHANGE.into_iter().find(|name| parsed.has_role(name) || parsed.get_color_space(name).is_some());
-            let Some(interchange) = interchange else {
-                let message =
-                    "no role aces_interchange and no space ACES2065-1, expected one of them, which tell the meaning of its colours";
-                return Err(invalid(message.to_owned()));
-            };
+            let (parsed, interchange) = content.parse()?;
             if parsed.get_color_space(space).is_none() {
-                let named = spaces(&parsed);
+                let named = listed(parsed.num_color_spaces(), |i| parsed.color_space_name_by_index(i).to_owned());
                 return Err(invalid(format!("no colour space \"{space}\", expected one of the configuration's: {named}")));
             }
             let processor = parsed.get_processor(space, interchange);
             processor.map(|p| p.default_cpu_processor()).map_err(|e| invalid(format!("from {space} to {interchange}: {e}")))
         })?;
-        Ok(Self { config: config.to_owned(), aces_from_input, digest: format!("{} {space}", blake3::hash(&content).to_hex()) })
+        Ok(Self { config: config.to_owned(), aces_from_input, digest: content.digest(space) })
     }
 
     /// Returns the digest of configuration and space, for keys of images that were made with them.
@@ -87,39 +57,6 @@ impl OcioSpace {
             })
         })
     }
-}
-
-/// Refuses what would take more memory than it can be worth.
-fn check(name: &Path, content: &[u8]) -> Result<(), IoError> {
-    if content.starts_with(b"PK") {
-        return Err(IoError::unsupported(name, "an archive; unpack it (ocioarchive --extract) and give the config.ocio that is in it"));
-    }
-    if content.len() > MAX_BYTES {
-        return Err(IoError::unsupported(name, format!("{} bytes, expected a configuration of at most {MAX_BYTES}", content.len())));
-    }
-    let aliases = aliases(&String::from_utf8_lossy(content));
-    if aliases > MAX_ALIASES {
-        let message =
-            format!("repeats parts by {aliases} aliases of YAML, expected at most {MAX_ALIASES}; write it out with ociocheck --oconfig");
-        return Err(IoError::unsupported(name, message));
-    }
-    Ok(())
-}
-
-/// Returns how often `*name` occurs where a value may, of names that are anchors, `&name`.
-fn aliases(text: &str) -> usize {
-    let words = |mark: char| {
-        let separators = |c: char| c.is_whitespace() || "[]{},:".contains(c);
-        text.split(separators).filter_map(move |word| word.strip_prefix(mark)).filter(|name| !name.is_empty())
-    };
-    let anchors: HashSet<&str> = words('&').collect();
-    words('*').filter(|name| anchors.contains(name)).count()
-}
-
-fn spaces(config: &Config) -> String {
-    let count = config.num_color_spaces();
-    let names: Vec<&str> = (0..count.min(MAX_LISTED)).map(|i| config.color_space_name_by_index(i)).collect();
-    names.join(", ") + if count > MAX_LISTED { ", ..." } else { "" }
 }
 
 #[cfg(test)]
@@ -189,7 +126,6 @@ mod tests {
         let repeated = format!("a: &a1 [x]\nb: [{}]\n{CONFIG}", "*a1, ".repeat(9));
         let error = open(&repeated, "half").err().unwrap().to_string();
         assert!(error.contains("9 aliases"), "{error}");
-        assert_eq!(aliases("description: R&D and 2 * 3, *not, & so on\nx: &x 1\ny: *x"), 1);
         assert!(open("PK\x03\x04", "half").err().unwrap().to_string().contains("unpack it"));
         let missing = OcioSpace::open(Path::new("/nowhere/config.ocio"), "half").err().unwrap().to_string();
         assert!(missing.starts_with("/nowhere/config.ocio: cannot read"), "{missing}");

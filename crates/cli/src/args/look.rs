@@ -1,0 +1,44 @@
+//! Arguments of OpenColorIO's displays: previews of `luxel render` and `luxel probe`.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use anyhow::Result;
+use clap::Args;
+use luxel::preview::Curve;
+use luxel_io::OcioDisplay;
+
+use super::values::TonemapArg;
+
+/// A view of a display of an OpenColorIO configuration.
+#[derive(Debug, Args)]
+pub(crate) struct OcioLookArgs {
+    /// Make previews and SDR video with a display of this OpenColorIO configuration instead of
+    /// --tonemap: a file, or a built-in one such as
+    /// ocio://cg-config-v4.0.0_aces-v2.0_ocio-v2.5.
+    #[arg(long, value_name = "CONFIG", conflicts_with = "tonemap", help_heading = "Images")]
+    pub(crate) ocio: Option<PathBuf>,
+    /// Display of --ocio [default: its first].
+    #[arg(long, value_name = "NAME", requires = "ocio", help_heading = "Images")]
+    pub(crate) display: Option<String>,
+    /// View of the display [default: its first].
+    #[arg(long, value_name = "NAME", requires = "ocio", help_heading = "Images")]
+    pub(crate) view: Option<String>,
+}
+
+impl OcioLookArgs {
+    /// Returns the curve of previews: this display's, or else a tone curve; `None` if there are to
+    /// be none.
+    pub(crate) fn curve(&self, tonemap: Option<TonemapArg>) -> Result<Option<Curve>> {
+        let Some(config) = &self.ocio else { return Ok(tonemap.map(|tonemap| Curve::Tonemap(tonemap.into()))) };
+        Ok(Some(Curve::Ocio(Arc::new(OcioDisplay::open(config, self.display.as_deref(), self.view.as_deref())?))))
+    }
+}
+
+/// Returns what to say of pictures of a display that programs take for another one.
+pub(crate) fn note_of_display(curve: &Curve) -> Option<String> {
+    let Curve::Ocio(display) = curve else { return None };
+    let name = display.display();
+    let is_usual = ["srgb", "709", "1886"].iter().any(|part| name.to_lowercase().contains(part));
+    (!is_usual).then(|| format!("pictures are for the display {name}; programs take a PNG and an SDR video for sRGB"))
+}
