@@ -175,13 +175,23 @@ pub fn light_json(light: &Light) -> serde_json::Value {
 /// # Errors
 /// A device that gave up; a point at which nothing can be rendered.
 pub fn probe(
-    mut scene: Scene,
+    scene: Scene,
     options: &ProbeOptions,
     dataset: Option<&Dataset>,
     engine: &mut dyn Engine,
     observer: &dyn Observer,
 ) -> Result<Probe> {
-    let surroundings = Surroundings::new(options.up, dataset)?;
+    probe_in(scene, options, Surroundings::new(options.up, dataset)?, engine, observer)
+}
+
+/// Renders a probe in surroundings that are known.
+pub(crate) fn probe_in(
+    mut scene: Scene,
+    options: &ProbeOptions,
+    surroundings: Surroundings,
+    engine: &mut dyn Engine,
+    observer: &dyn Observer,
+) -> Result<Probe> {
     let left_out = leave_out_near(&mut scene, options);
     let mut work = ProbeWork { left_out, ..ProbeWork::new(&scene, options, surroundings)? };
     engine.load(&scene.splats, None).context("cannot load the scene")?;

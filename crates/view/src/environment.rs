@@ -29,12 +29,7 @@ const DEFAULT_WIDTH: usize = 2048;
 
 impl Wish {
     fn take(house: &House, query: &mut Query) -> Result<Self, Failure> {
-        let text = query.take("at").unwrap_or_default();
-        let numbers: Vec<f64> = text.split(',').filter_map(|part| part.trim().parse().ok()).filter(|v: &f64| v.is_finite()).collect();
-        let (Ok(at), 3) = (<[f64; 3]>::try_from(numbers), text.split(',').count()) else {
-            let shown: String = text.chars().take(80).collect();
-            return Err(format!("\"at\" is \"{}\", expected x,y,z in the world", shown.escape_default()).into());
-        };
+        let at = point_of(query)?;
         let width = query.number("width")?.unwrap_or(DEFAULT_WIDTH);
         if !WIDTHS.contains(&width) {
             return Err(format!("\"width\" is {width}, expected {} to {} pixels", WIDTHS.start(), WIDTHS.end()).into());
@@ -43,6 +38,17 @@ impl Wish {
         check_edits(house.workshop.as_deref(), &edit)?;
         Ok(Self { at, width, edit })
     }
+}
+
+/// Takes the point `at` of the world.
+pub(crate) fn point_of(query: &mut Query) -> Result<[f64; 3], Failure> {
+    let text = query.take("at").unwrap_or_default();
+    let numbers: Vec<f64> = text.split(',').filter_map(|part| part.trim().parse().ok()).filter(|v: &f64| v.is_finite()).collect();
+    let (Ok(at), 3) = (<[f64; 3]>::try_from(numbers), text.split(',').count()) else {
+        let shown: String = text.chars().take(80).collect();
+        return Err(format!("\"at\" is \"{}\", expected x,y,z in the world", shown.escape_default()).into());
+    };
+    Ok(at)
 }
 
 /// Bytes of a pixel of the map for the page.

@@ -12,6 +12,7 @@ use crate::answer::Failure;
 use crate::folder::Folder;
 use crate::frame_status::FrameRender;
 use crate::jobs::{Jobs, Refusal, Rendered, Reply, Stage, Wanted};
+use crate::lamps::LastLamps;
 use crate::large::Room;
 use crate::probe_map::LastProbe;
 use crate::status::{Shared, Status};
@@ -41,6 +42,8 @@ pub(crate) struct House {
     pub(crate) frames: FrameRender,
     /// The light probe that was made last.
     pub(crate) environment: LastProbe,
+    /// The lamps that were found last.
+    pub(crate) lamps: LastLamps,
     /// Room for large answers.
     pub(crate) room: Room,
     /// Tools for edits; `None` for a scene that is being trained.
@@ -55,7 +58,21 @@ impl House {
         let (jobs, shared, bodies) = (Jobs::default(), Shared::new(status), Semaphore::new(MAX_BODIES));
         let (frames, environment, room) = (FrameRender::default(), LastProbe::default(), Room::default());
         let (downloads, editing) = (Downloads::default(), Semaphore::new(MAX_EDITING));
-        Self { subject, color_space, jobs, shared, scene, downloads, bodies, frames, environment, room, workshop: None, editing }
+        Self {
+            subject,
+            color_space,
+            jobs,
+            shared,
+            scene,
+            downloads,
+            bodies,
+            frames,
+            environment,
+            lamps: LastLamps::default(),
+            room,
+            workshop: None,
+            editing,
+        }
     }
 
     /// Returns where new files are made.

@@ -36,6 +36,7 @@ mod frame_status;
 mod gate;
 mod house;
 mod jobs;
+mod lamps;
 mod large;
 mod live;
 mod page_file;

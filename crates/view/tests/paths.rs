@@ -184,6 +184,24 @@ fn a_probe_is_what_the_library_makes() {
     viewer.send("POST", "/api/environment/save?at=1,2,3&name=..%2Fa", b"").refused(422, "the name");
 }
 
+#[test]
+fn the_light_on_an_object_is_lamps_and_a_small_map() {
+    let viewer = Running::saving();
+    let found = viewer.get("/api/lamps?at=0.1,-0.2,0.3").json();
+    assert_eq!((&found["map"]["width"], &found["map"]["height"], &found["schema_version"]), (&json!(96), &json!(48), &json!(1)));
+    let rgb = found["map"]["rgb"].as_array().unwrap();
+    assert!(rgb.len() == 3 * 96 * 48 && rgb.iter().all(|value| value.as_f64().unwrap() >= 0.0));
+    assert!(found["lamps"].is_array() && (0.0..=1.0).contains(&found["unseen_share"].as_f64().unwrap()));
+    // The same again, and of a scene that is twice as bright.
+    assert_eq!(viewer.get("/api/lamps?at=0.1,-0.2,0.3").json(), found);
+    let brighter = viewer.get("/api/lamps?at=0.1,-0.2,0.3&edit=gain%202").json();
+    let sum = |found: &Value| found["map"]["rgb"].as_array().unwrap().iter().map(|value| value.as_f64().unwrap()).sum::<f64>();
+    assert!((sum(&brighter) / sum(&found) - 2.0).abs() < 1e-3, "{} {}", sum(&found), sum(&brighter));
+    viewer.get("/api/lamps?at=1,2").refused(400, "expected x,y,z");
+    viewer.get("/api/lamps?at=1,2,3&more=1").refused(400, "unknown parameter");
+    viewer.send("POST", "/api/lamps?at=1,2,3", b"").refused(405, "GET finds lamps");
+}
+
 /// Returns the PQ value of a luminance in `[0, 1]` of 10,000 cd/m2 (SMPTE ST 2084, equation 5.2).
 fn pq(y: f64) -> f64 {
     let (m1, m2) = (2610.0 / 4096.0 / 4.0, 2523.0 / 4096.0 * 128.0);

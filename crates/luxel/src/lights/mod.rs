@@ -29,7 +29,7 @@ use self::fit::{Distribution, Fit, Sample};
 pub use self::table::{lights_csv, lights_json};
 use crate::error::{Context, ensure};
 use crate::export::{Up, UpAxis, file_from_world, with_at_most};
-use crate::probe::{Probe, ProbeOptions, probe};
+use crate::probe::{Probe, ProbeOptions, Surroundings, probe_in};
 use crate::run::FrameProgress;
 use crate::{Observer, Result, text};
 
@@ -130,8 +130,28 @@ pub struct SceneLights {
 /// # Errors
 /// A scene of display colours, no cameras, a device that gave up.
 pub fn scene_lights(
-    mut scene: Scene,
+    scene: Scene,
     dataset: &Dataset,
+    options: &LightOptions,
+    engine: &mut dyn Engine,
+    observer: &dyn Observer,
+) -> Result<SceneLights> {
+    let local = dataset.in_frame(scene.world_from_local);
+    let views: &[View] = if local.train.is_empty() { &local.test } else { &local.train };
+    let cameras: Vec<Camera> = views.iter().map(|view| view.camera.clone()).collect();
+    let surroundings = Surroundings::new(options.dome.map_or(Up::Default, |dome| dome.up), Some(dataset))?;
+    lights_seen_by(scene, &cameras, surroundings, options, engine, observer)
+}
+
+/// Finds the lamps that cameras see, and renders the rest of the light. Cameras are in the scene's
+/// local coordinates; the surroundings decide over the map in place of its own up direction.
+///
+/// # Errors
+/// Those of [`scene_lights`].
+pub fn lights_seen_by(
+    mut scene: Scene,
+    cameras: &[Camera],
+    surroundings: Surroundings,
     options: &LightOptions,
     engine: &mut dyn Engine,
     observer: &dyn Observer,
@@ -140,8 +160,7 @@ pub fn scene_lights(
         scene.color_space.is_linear(),
         "the scene has colours of a display and not radiance: its lamps are cut off at white; take a scene that Luxel trained on HDR images"
     );
-    let local = dataset.in_frame(scene.world_from_local);
-    let cameras = cameras(&local);
+    let cameras = reduced(cameras);
     ensure!(!cameras.is_empty(), "no cameras: lamps are measured from the views of a data set");
     let views = rendered(&scene, &cameras, engine)?;
     let (found, left_in_map) = find(&scene, &views, options, engine, observer)?;
@@ -161,7 +180,7 @@ pub fn scene_lights(
         };
         let conversion = Conversion::between(scene.color_space, options.color_space);
         let typical = conversion.apply(scene.radiance_scale.restored(emitters::typical(&views)));
-        let mut map = probe(scene, &map, Some(dataset), engine, observer)?;
+        let mut map = probe_in(scene, &map, surroundings, engine, observer)?;
         if dome.fill {
             result.unseen_share = map.fill_unseen(typical);
         }
@@ -232,11 +251,10 @@ struct Found {
     cameras: usize,
 }
 
-/// Returns the cameras of the training views, reduced to a size that lamps are measured at.
-fn cameras(dataset: &Dataset) -> Vec<Camera> {
-    let views: &[View] = if dataset.train.is_empty() { &dataset.test } else { &dataset.train };
-    let stride = views.len().div_ceil(MOST_VIEWS).max(1);
-    views.iter().step_by(stride).map(|view| with_at_most(&view.camera, MOST_PIXELS)).collect()
+/// Returns cameras at an even stride, reduced to a size that lamps are measured at.
+fn reduced(cameras: &[Camera]) -> Vec<Camera> {
+    let stride = cameras.len().div_ceil(MOST_VIEWS).max(1);
+    cameras.iter().step_by(stride).map(|camera| with_at_most(camera, MOST_PIXELS)).collect()
 }
 
 /// Renders the views; the engine then holds the scene.

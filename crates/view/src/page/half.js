@@ -11,7 +11,7 @@ for (let i = 0; i < 65536; i++) {
 export const fromHalf = (bits) => TABLE[bits];
 
 /** The half float nearest to a number of 0 or more; those beyond the largest become that. @param {number} value @returns {number} */
-function toHalf(value) {
+export function toHalf(value) {
   if (!(value > 0)) return 0;
   if (value >= 65504) return 0x7bff;
   const exponent = Math.max(-14, Math.floor(Math.log2(value)));

@@ -32,6 +32,7 @@ export const KEYS = [
   { keys: ["j"], shown: "J", what: "level the horizon", act: (v) => v.controls.level() },
   { keys: ["p"], shown: "P", what: "pin the value under the pointer", act: (v) => v.probes?.pinHere() },
   { keys: ["o"], shown: "O", what: "place a light probe with the next click", act: (v) => v.environment?.toggle() },
+  { keys: ["u"], shown: "U", what: "place an object with the next click", act: (v) => v.placed?.toggle() },
   { keys: ["y"], shown: "Y", what: "add the view to the camera path", act: (v) => v.path?.add() },
   { keys: ["r"], shown: "R", what: "play the camera path, or stop it", act: (v) => v.path?.toggle() },
   { keys: ["i"], shown: "I", what: "picture alone", act: (v) => v.togglePanel() },

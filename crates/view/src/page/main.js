@@ -14,6 +14,7 @@ import { byId, ControlPanel } from "./panel.js";
 import { Optics } from "./optics.js";
 import { PathPanel } from "./path.js";
 import { Picking } from "./picking.js";
+import { Placed } from "./placed.js";
 import { Poster, showPoster } from "./poster.js";
 import { Probes } from "./probes.js";
 import { Radiometry } from "./radiometry.js";
@@ -47,7 +48,7 @@ try {
     viewer.parts.push(new RenderingPanel(viewer, sources), viewer.path = path);
     openDropped(viewer, { json: (file) => path.open(file), edits: (file) => saved.read(file) });
     // Before the pins, which use clicks, too.
-    viewer.parts.unshift(viewer.environment = new EnvironmentPanel(viewer));
+    viewer.parts.unshift(viewer.environment = new EnvironmentPanel(viewer), viewer.placed = new Placed(viewer));
   }
   // For scripts in the console of the browser, and tests.
   Object.assign(window, { luxel: viewer, edits });

@@ -21,6 +21,7 @@
  * @property {(scene: Scene, isAgain: boolean) => void} [sceneSet] a scene came, or the same again after the connection was lost
  * @property {(status: Status) => void} [followed] the newest state of the server
  * @property {() => void} [reflect] shows what is set, after something has changed
+ * @property {(shown: Shown) => void} [altered] changes a picture that came, before anybody sees it
  * @property {(shown: Shown) => void} [taken] a picture came
  * @property {(now: number, seconds: number) => void} [step] at each beat of the clock (pace.js)
  * @property {(overlay: Overlay, lens: Lens) => void} [draw] marks over the picture; `lens` is in pixels of the screen

@@ -50,6 +50,7 @@ export class Viewer {
   /** @type {import("./probes.js").Probes | null} */ probes = null;
   /** @type {import("./radiometry.js").Radiometry | null} */ radiometry = null;
   /** @type {import("./environment.js").EnvironmentPanel | null} */ environment = null;
+  /** @type {import("./placed.js").Placed | null} */ placed = null;
   /** @type {import("./path.js").PathPanel | null} */ path = null;
   /** @type {import("./saving.js").Saving | null} */ saving = null;
   /** @type {import("./training.js").TrainingPanel | null} */ training = null;
@@ -395,6 +396,7 @@ export class Viewer {
   take(shown) {
     const isFirst = this.shown === null;
     this.shown = shown;
+    for (const part of this.parts) part.altered?.(shown);
     this.display.show(shown.frame, shown.full);
     if (shown.frame.depth) this.display.lens = shown.lens;
     if (isFirst) document.body.dataset.ready = "true";

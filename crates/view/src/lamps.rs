@@ -1,0 +1,68 @@
+//! The light that falls onto an object at a point: lamps, and the rest as a small map.
+//!
+//! In: a point of the world, edits. Out: what `luxel lights --at` finds in the same scene, as JSON;
+//! the map is small, since only objects that the page draws itself are lit by it. The last answer
+//! is kept. The work is done by an engine of its own on the processor, so that pictures go on.
+
+use std::sync::Arc;
+
+use hyper::{Method, StatusCode};
+use luxel::lights::{DomeOptions, LightOptions, SceneLights, lights_json, lights_seen_by};
+use luxel::{Device, DeviceOptions, SelectedEngine, Silent, schema};
+use luxel_core::Camera;
+use serde_json::{Value, json};
+use tokio::sync::Mutex;
+
+use crate::answer::{Answer, Failure};
+use crate::environment::point_of;
+use crate::house::{House, on_stage, try_beside};
+use crate::jobs::Stage;
+use crate::query::Query;
+use crate::stage::check_edits;
+use crate::subject::Shown;
+
+/// Width of the map, pixels.
+const WIDTH_PX: usize = 96;
+
+/// The point and the edits of an answer.
+type Wish = ([f64; 3], String);
+
+/// The answer that was made last; while one is made, others wait.
+#[derive(Debug, Default)]
+pub(crate) struct LastLamps(Mutex<Option<(Wish, Arc<Value>)>>);
+
+/// Answers `/api/lamps`.
+pub(crate) async fn answer(house: &Arc<House>, method: &Method, query: &mut Query) -> Result<Answer, Failure> {
+    if *method != Method::GET {
+        return Err(Failure::new(StatusCode::METHOD_NOT_ALLOWED, "GET finds lamps"));
+    }
+    let (at, edit) = (point_of(query)?, query.take("edit").unwrap_or_default());
+    check_edits(house.workshop.as_deref(), &edit)?;
+    let mut last = house.lamps.0.lock().await;
+    if let Some((_, known)) = last.as_ref().filter(|(wish, _)| *wish == (at, edit.clone())) {
+        return Answer::json(&schema::VIEW.versioned(&**known));
+    }
+    let of_edit = edit.clone();
+    let scene = on_stage(house, move |stage: &mut dyn Stage| Ok(stage.loaded(&of_edit)?.scene.clone())).await?;
+    let cameras: Vec<Camera> = house.subject.views.iter().filter(|view| view.split == "train").map(Shown::camera).collect();
+    let surroundings = house.subject.surroundings;
+    let find = move || {
+        let color_space = scene.color_space.linear();
+        let dome = DomeOptions { at: Some(at), width_px: WIDTH_PX, ..DomeOptions::default() };
+        let options = LightOptions { color_space, dome: Some(dome), ..LightOptions::default() };
+        let mut engine = SelectedEngine::open(&DeviceOptions::from(Device::Cpu))?.engine;
+        lights_seen_by(scene.into_core(), &cameras, surroundings, &options, engine.as_mut(), &Silent)
+    };
+    let lights = try_beside(find).await?;
+    let made = Arc::new(described(&lights));
+    *last = Some(((at, edit), Arc::clone(&made)));
+    Answer::json(&schema::VIEW.versioned(&*made))
+}
+
+fn described(lights: &SceneLights) -> Value {
+    let map = lights.dome.as_ref().map(|map| {
+        let rows = map.map_from_world.transpose().to_cols_array_2d();
+        json!({ "width": map.width(), "height": map.height(), "rgb": map.image().pixels.as_flattened(), "map_from_world": rows })
+    });
+    json!({ "lamps": lights_json(lights), "map": map, "unseen_share": lights.unseen_share, "left_in_map": lights.left_in_map })
+}

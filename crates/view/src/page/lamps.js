@@ -1,0 +1,117 @@
+/** The light on an object: lamps at their places, and all other light as a map of directions. */
+
+import { add, cross, dot, length, sub, times, unit } from "./math.js";
+
+/** @typedef {import("./math.js").Vec3} Vec3 */
+/** A lamp of `luxel lights`: world units, radiance in the units of the data set. @typedef {{ shape: "sphere" | "disk" | "rectangle", middle: Vec3, normal?: Vec3, radius?: number, size?: [number, number], along?: Vec3, radiance: Vec3, intensity: Vec3, power: Vec3 }} Lamp */
+/** A map of directions, OpenEXR's latitude and longitude; rows of the turn from the world to its axes. @typedef {{ width: number, height: number, rgb: number[], map_from_world: number[][] }} LightMap */
+
+/** Factors of the bands of harmonics by which radiance becomes irradiance (Ramamoorthi and Hanrahan 2001). */
+const BANDS = [Math.PI, ...Array(3).fill((2 * Math.PI) / 3), ...Array(5).fill(Math.PI / 4)];
+
+/** Real harmonics of degree 0 to 2. @param {Vec3} v */
+const harmonics = ([x, y, z]) => [0.282095, 0.488603 * y, 0.488603 * z, 0.488603 * x, 1.092548 * x * y, 1.092548 * y * z, 0.315392 * (3 * z * z - 1), 1.092548 * x * z, 0.546274 * (x * x - y * y)];
+
+/** @param {LightMap} map @param {Vec3} v @returns {Vec3} */
+const turned = ({ map_from_world: rows }, v) => /** @type {Vec3} */ (rows.map((row) => row[0] * v[0] + row[1] * v[1] + row[2] * v[2]));
+
+/** Irradiance of a surface by its normal, from all of the map. @param {LightMap} map @returns {(normal: Vec3) => Vec3} */
+export function irradianceOf(map) {
+  const { width, height, rgb } = map;
+  const sums = Array.from({ length: 9 }, () => [0, 0, 0]);
+  for (let row = 0; row < height; row++) {
+    const latitude = Math.PI * (0.5 - (row + 0.5) / height);
+    const solidAngle = (Math.cos(latitude) * 2 * Math.PI * Math.PI) / (width * height);
+    for (let column = 0; column < width; column++) {
+      const longitude = Math.PI * (1 - (2 * (column + 0.5)) / width);
+      const basis = harmonics([Math.sin(longitude) * Math.cos(latitude), Math.sin(latitude), Math.cos(longitude) * Math.cos(latitude)]);
+      const at = 3 * (row * width + column);
+      basis.forEach((value, k) => [0, 1, 2].forEach((c) => (sums[k][c] += value * solidAngle * rgb[at + c])));
+    }
+  }
+  return (normal) => {
+    const basis = harmonics(turned(map, normal));
+    return /** @type {Vec3} */ ([0, 1, 2].map((c) => Math.max(0, basis.reduce((sum, value, k) => sum + BANDS[k] * value * sums[k][c], 0))));
+  };
+}
+
+/** Radiance from a direction. @param {LightMap} map @param {Vec3} direction of unit length @returns {Vec3} */
+export function radianceFrom(map, direction) {
+  const [x, y, z] = turned(map, direction);
+  const column = Math.min(map.width - 1, Math.floor((0.5 - Math.atan2(x, z) / (2 * Math.PI)) * map.width));
+  const row = Math.min(map.height - 1, Math.floor((0.5 - Math.asin(Math.max(-1, Math.min(1, y))) / Math.PI) * map.height));
+  const at = 3 * (row * map.width + column);
+  return [map.rgb[at], map.rgb[at + 1], map.rgb[at + 2]];
+}
+
+/** Irradiance of a surface at a point from a lamp, taken for a point. @param {Lamp} lamp @param {Vec3} point @param {Vec3} normal @returns {Vec3} */
+export function irradianceFrom(lamp, point, normal) {
+  const way = sub(lamp.middle, point);
+  const distance = Math.max(length(way), 1e-9);
+  const towards = times(way, 1 / distance);
+  const out = lamp.normal ? Math.max(0, -dot(towards, lamp.normal)) : 1;
+  return times(lamp.intensity, (out * Math.max(0, dot(towards, normal))) / (distance * distance));
+}
+
+/** The radiance of the lamp that a ray meets; null if it meets none. @param {readonly Lamp[]} lamps @param {Vec3} point @param {Vec3} direction of unit length @returns {Vec3 | null} */
+export function lampAlong(lamps, point, direction) {
+  for (const lamp of lamps) {
+    const way = sub(lamp.middle, point);
+    if (!lamp.normal) {
+      const along = dot(way, direction);
+      if (along > 0 && length(sub(way, times(direction, along))) < (lamp.radius ?? 0)) return lamp.radiance;
+      continue;
+    }
+    const facing = dot(direction, lamp.normal);
+    const away = dot(way, lamp.normal) / facing;
+    if (!(facing < 0) || !(away > 0)) continue;
+    const from = sub(times(direction, away), way);
+    const [w, h] = lamp.size ?? [0, 0];
+    const along = lamp.along ?? [0, 0, 0];
+    const isHit = lamp.size ? Math.abs(dot(from, along)) < w / 2 && Math.abs(dot(from, cross(lamp.normal, along))) < h / 2 : length(from) < (lamp.radius ?? 0);
+    if (isHit) return lamp.radiance;
+  }
+  return null;
+}
+
+/** Radius of the ball around a lamp. @param {Lamp} lamp */
+const reach = (lamp) => lamp.radius ?? Math.hypot(...(lamp.size ?? [0, 0])) / 2;
+
+/** The part of a lamp that a point sees past a ball, by the angles of both. @param {Lamp} lamp @param {Vec3} point @param {Vec3} center @param {number} radius */
+export function visibility(lamp, point, center, radius) {
+  const [toBall, toLamp] = [sub(center, point), sub(lamp.middle, point)];
+  const [near, far] = [length(toBall), length(toLamp)];
+  if (near <= radius || near >= far) return near <= radius ? 0 : 1;
+  const [ball, light] = [Math.asin(radius / near), Math.atan2(reach(lamp), far)];
+  const apart = Math.acos(Math.max(-1, Math.min(1, dot(toBall, toLamp) / (near * far))));
+  const hidden = Math.max(0, Math.min(1, (ball + light - apart) / Math.max(2 * Math.min(ball, light), 1e-9)));
+  return 1 - hidden * Math.min(1, (ball / Math.max(light, 1e-9)) ** 2);
+}
+
+/** The factor that a ball has on the light of a matt surface: its shadow. @param {{ lamps: readonly Lamp[], fromMap: (normal: Vec3) => Vec3 }} light @param {Vec3} point @param {Vec3} normal @param {Vec3} center @param {number} radius @returns {Vec3} */
+export function shadow(light, point, normal, center, radius) {
+  const way = sub(center, point);
+  const away = Math.max(length(way), radius);
+  // The part of the sky that the ball covers, weighted by the cosine.
+  const covered = Math.min(1, (radius / away) ** 2 * Math.max(0, dot(times(way, 1 / away), normal)));
+  const sky = light.fromMap(normal);
+  let [lit, all] = [times(sky, 1 - covered), sky];
+  for (const lamp of light.lamps) {
+    const part = irradianceFrom(lamp, point, normal);
+    [lit, all] = [add(lit, times(part, visibility(lamp, point, center, radius))), add(all, part)];
+  }
+  return /** @type {Vec3} */ ([0, 1, 2].map((c) => (all[c] > 0 ? lit[c] / all[c] : 1)));
+}
+
+/** Points around a lamp's edge, as it is seen from `eye`. @param {Lamp} lamp @param {Vec3} eye @param {number} count @returns {Vec3[]} */
+export function outline(lamp, eye, count) {
+  if (lamp.size && lamp.along && lamp.normal) {
+    const [along, across] = [times(lamp.along, lamp.size[0] / 2), times(cross(lamp.normal, lamp.along), lamp.size[1] / 2)];
+    return [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([a, b]) => add(lamp.middle, add(times(along, a), times(across, b))));
+  }
+  const axis = lamp.normal ?? unit(sub(eye, lamp.middle));
+  const side = unit(cross(axis, Math.abs(axis[0]) < 0.9 ? [1, 0, 0] : [0, 1, 0]));
+  const other = cross(axis, side);
+  const angle = (/** @type {number} */ i) => (2 * Math.PI * i) / count;
+  return Array.from({ length: count }, (_, i) => add(lamp.middle, times(add(times(side, Math.cos(angle(i))), times(other, Math.sin(angle(i)))), lamp.radius ?? 0)));
+}
