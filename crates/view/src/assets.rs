@@ -86,6 +86,7 @@ pub(crate) const ASSETS: &[(&str, Asset)] = &[
     script!("state.js"),
     script!("stream.js"),
     script!("strip.js"),
+    script!("surface.js"),
     script!("timeline.js"),
     script!("training.js"),
     script!("units.js"),

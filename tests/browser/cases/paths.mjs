@@ -135,7 +135,7 @@ export default {
     const page = await open(at);
     await page.keyboard.press("u");
     const box = await page.locator("#picture").boundingBox();
-    await page.mouse.click(box.x + box.width * 0.5, box.y + box.height * 0.7);
+    await page.mouse.click(box.x + box.width * 0.72, box.y + box.height * 0.7);
     await page.waitForFunction(() => window.luxel.placed.ball?.light, null, { timeout: 120000 });
     await page.waitForFunction(() => window.luxel.shown.full && window.luxel.shown.frame.depth, null, { timeout: 60000 });
     assert.equal(await page.locator("#pins li").count(), 0);

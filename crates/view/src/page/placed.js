@@ -3,10 +3,11 @@
 import { fromHalf, toHalf } from "./half.js";
 import { irradianceFrom, irradianceOf, lampAlong, outline, radianceFrom, shadow } from "./lamps.js";
 import { project, unproject } from "./lens.js";
-import { add, cross, dot, length, sub, times, unit } from "./math.js";
+import { add, dot, length, sub, times, unit } from "./math.js";
 import { text } from "./measure.js";
 import { byId } from "./panel.js";
 import { checked } from "./server.js";
+import { meeting, surfaceAt } from "./surface.js";
 
 /** @typedef {import("./lamps.js").Lamp} Lamp */
 /** @typedef {import("./lamps.js").LightMap} LightMap */
@@ -18,7 +19,7 @@ import { checked } from "./server.js";
 /** @typedef {import("./stream.js").Shown} Shown */
 /** @typedef {import("./viewer.js").Viewer} Viewer */
 /** @typedef {{ lamps: Lamp[], map: LightMap, fromMap: (normal: Vec3) => Vec3 }} Light */
-/** A ball: the point that it stands on, the normal there, its light. @typedef {{ at: Vec3, normal: Vec3, light: Light | null }} Ball */
+/** A ball: the surface that it stands on, its light. @typedef {{ under: import("./surface.js").Plane, light: Light | null }} Ball */
 
 /** Reflectance of the grey ball. */
 const GREY = 0.5;
@@ -26,10 +27,10 @@ const GREY = 0.5;
 const SHADOW_REACH = 8;
 /** Rays along each side of a pixel of the ball. */
 const RAYS = 2;
-/** Pixels between the depths that a normal is taken from. */
-const STRIDE = 2;
-/** A surface hides the ball if it is nearer by this part. */
-const NEARER = 0.99;
+/** A surface hides the ball if it is nearer by this part of the radius: depths of splats are soft. */
+const NEARER = 0.5;
+/** Distance from the plane under the ball up to which what is seen counts as lying on it, radii. */
+const ON_PLANE = 0.7;
 /** Points around a lamp's mark. */
 const MARKS = 32;
 
@@ -80,20 +81,21 @@ export class Placed {
     clicks.at(u, v, ({ position }) => {
       if (!this.isPlacing) return;
       const { shown } = this.viewer;
-      if (!position || !shown) return void this.say("There is nothing to stand on; click a surface.");
+      const { width, height } = shown?.frame.head ?? { width: 0, height: 0 };
+      const under = shown && position && surfaceAt(shown.frame, shown.lens, Math.floor(u * width), Math.floor(v * height), this.viewer.up());
+      if (!under) return void this.say("There is nothing to stand on; click a surface in a picture of a pinhole.");
       this.toggle();
-      const { width, height } = shown.frame.head;
-      void this.place(position, normalAt(shown.frame, shown.lens, Math.floor(u * width), Math.floor(v * height)) ?? this.viewer.up());
+      void this.place(under);
     });
     return true;
   }
 
-  /** Puts the ball onto a point, and finds the light there. @param {Vec3} at @param {Vec3} normal */
-  async place(at, normal) {
+  /** Puts the ball onto a surface, and finds the light there. @param {import("./surface.js").Plane} under */
+  async place(under) {
     const asked = ++this.asked;
     this.finding?.abort();
     const abort = (this.finding = new AbortController());
-    this.ball = { at, normal, light: null };
+    this.ball = { under, light: null };
     this.say("finding the lamps …");
     try {
       const { edit } = this.viewer.state;
@@ -119,8 +121,8 @@ export class Placed {
 
   /** Middle of the ball. @returns {Vec3} */
   middle() {
-    const { at, normal } = /** @type {Ball} */ (this.ball);
-    return add(at, times(normal, this.radius()));
+    const { point, normal } = /** @type {Ball} */ (this.ball).under;
+    return add(point, times(normal, this.radius()));
   }
 
   /** Draws the picture that is there again, with the ball as it is now. */
@@ -134,11 +136,11 @@ export class Placed {
   altered({ frame, lens, full }) {
     const plain = this.plain.get(frame) ?? frame.rgb;
     frame.rgb = plain;
-    const light = this.ball?.light;
-    if (!light || lens.projection.kind !== "pinhole" || !frame.head.rgb) return;
+    const { light, under } = this.ball ?? {};
+    if (!light || !under || lens.projection.kind !== "pinhole" || !frame.head.rgb) return;
     this.plain.set(frame, plain);
     frame.rgb = plain.slice();
-    const ball = { center: this.middle(), radius: this.radius() };
+    const ball = { center: this.middle(), radius: this.radius(), under };
     if (full && frame.depth) drawShadow(frame, lens, light, ball);
     drawBall(frame, lens, light, ball, this.kind.value === "chrome");
   }
@@ -163,20 +165,6 @@ export class Placed {
   }
 }
 
-/** The surface's normal at a pixel, from the depths beside it, towards the camera; null where they do not tell. @param {Frame} frame @param {Lens} lens @param {number} x @param {number} y @returns {Vec3 | null} */
-function normalAt({ head, depth }, lens, x, y) {
-  if (!depth) return null;
-  const at = (/** @type {number} */ column, /** @type {number} */ row) => {
-    const [i, j] = [Math.max(0, Math.min(head.width - 1, column)), Math.max(0, Math.min(head.height - 1, row))];
-    const z = depth[j * head.width + i];
-    return z < 1e30 ? unproject(lens, i + 0.5, j + 0.5, z) : null;
-  };
-  const [left, right, above, below] = [at(x - STRIDE, y), at(x + STRIDE, y), at(x, y - STRIDE), at(x, y + STRIDE)];
-  if (!left || !right || !above || !below) return null;
-  const normal = cross(sub(right, left), sub(above, below));
-  return length(normal) > 0 ? unit(normal) : null;
-}
-
 /** Rows and columns of a picture that a ball of the world may cover. @param {Frame} frame @param {Lens} lens @param {Vec3} center @param {number} radius */
 function boxOf({ head }, lens, center, radius) {
   const place = project(lens, center);
@@ -187,19 +175,19 @@ function boxOf({ head }, lens, center, radius) {
   return { left: within(place.x - around, head.width), top: within(place.y - around, head.height), right: within(place.x + around + 1, head.width), bottom: within(place.y + around + 1, head.height) };
 }
 
-/** Darkens what the ball keeps light from. @param {Frame} frame @param {Lens} lens @param {Light} light @param {{ center: Vec3, radius: number }} ball */
-function drawShadow(frame, lens, light, { center, radius }) {
+/** Darkens what the ball keeps light from; depths are rough, so what is seen near the plane under it lies on it, and all is turned as it is. @param {Frame} frame @param {Lens} lens @param {Light} light @param {{ center: Vec3, radius: number, under: import("./surface.js").Plane }} ball */
+function drawShadow(frame, lens, light, { center, radius, under }) {
   const { rgb, depth, head } = frame;
   if (!depth) return;
   const { left, top, right, bottom } = boxOf(frame, lens, center, SHADOW_REACH * radius);
   for (let y = top; y < bottom; y++) {
     for (let x = left; x < right; x++) {
       const i = y * head.width + x;
-      const point = depth[i] < 1e30 ? unproject(lens, x + 0.5, y + 0.5, depth[i]) : null;
-      if (!point || length(sub(point, center)) > SHADOW_REACH * radius) continue;
-      const normal = normalAt(frame, lens, x, y);
-      if (!normal) continue;
-      const factor = shadow(light, point, normal, center, radius);
+      const seen = depth[i] < 1e30 ? unproject(lens, x + 0.5, y + 0.5, depth[i]) : null;
+      if (!seen || length(sub(seen, center)) > SHADOW_REACH * radius) continue;
+      const isOnPlane = Math.abs(dot(sub(seen, under.point), under.normal)) < ON_PLANE * radius;
+      const point = (isOnPlane && meeting(under, lens.eye, sub(seen, lens.eye))) || seen;
+      const factor = shadow(light, point, under.normal, center, radius);
       for (let c = 0; c < 3; c++) rgb[3 * i + c] = toHalf(fromHalf(rgb[3 * i + c]) * factor[c]);
     }
   }
@@ -234,7 +222,7 @@ function drawBall(frame, lens, light, { center, radius }, isChrome) {
         const t = -b - Math.sqrt(Math.max(0, under));
         if (under <= 0 || t <= 0) continue;
         const point = add(lens.eye, times(ray, t));
-        if (depth && depth[i] < NEARER * -t * dot(ray, lens.axes.back)) continue;
+        if (depth && depth[i] < -t * dot(ray, lens.axes.back) - NEARER * radius) continue;
         hits++;
         sum = add(sum, radianceOf(light, point, unit(sub(point, center)), ray, isChrome));
       }
