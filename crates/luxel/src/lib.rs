@@ -96,6 +96,9 @@ pub mod synthetic;
 pub mod text;
 mod training;
 
+/// Vectors and matrices of cameras, similarities and lamps.
+pub use glam;
+
 pub use dataset::{Dataset, ImageLimits, bad_pixel_lines};
 pub use device::{Device, DeviceOptions, MAX_THREADS, SelectedEngine, start_threads};
 pub use error::{Error, Result, remedy_of};

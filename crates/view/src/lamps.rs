@@ -11,7 +11,6 @@ use luxel::lights::{DomeOptions, LightOptions, SceneLights, lights_json, lights_
 use luxel::{Device, DeviceOptions, SelectedEngine, Silent, schema};
 use luxel_core::Camera;
 use serde_json::{Value, json};
-use tokio::sync::Mutex;
 
 use crate::answer::{Answer, Failure};
 use crate::environment::point_of;
@@ -24,13 +23,6 @@ use crate::subject::Shown;
 /// Width of the map, pixels.
 const WIDTH_PX: usize = 96;
 
-/// The point and the edits of an answer.
-type Wish = ([f64; 3], String);
-
-/// The answer that was made last; while one is made, others wait.
-#[derive(Debug, Default)]
-pub(crate) struct LastLamps(Mutex<Option<(Wish, Arc<Value>)>>);
-
 /// Answers `/api/lamps`.
 pub(crate) async fn answer(house: &Arc<House>, method: &Method, query: &mut Query) -> Result<Answer, Failure> {
     if *method != Method::GET {
@@ -38,7 +30,7 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, query: &mut Quer
     }
     let (at, edit) = (point_of(query)?, query.take("edit").unwrap_or_default());
     check_edits(house.workshop.as_deref(), &edit)?;
-    let mut last = house.lamps.0.lock().await;
+    let mut last = house.lamps.last.lock().await;
     if let Some((_, known)) = last.as_ref().filter(|(wish, _)| *wish == (at, edit.clone())) {
         return Answer::json(&schema::VIEW.versioned(&**known));
     }

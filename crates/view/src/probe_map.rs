@@ -1,4 +1,5 @@
-//! The light probe that was made last ([`crate::environment`]).
+//! The light probe that was made last ([`crate::environment`]), and the lamps that were found last
+//! ([`crate::lamps`]).
 
 use std::sync::{Arc, PoisonError};
 
@@ -26,6 +27,13 @@ pub(crate) struct Environment {
 pub(crate) struct LastProbe {
     pub(crate) last: Mutex<Option<(Wish, Arc<Environment>)>>,
     under_way: std::sync::Mutex<Option<(Wish, Progress)>>,
+}
+
+/// The lamps that were found last, as their answer, by point and edits; while some are searched
+/// for, others wait.
+#[derive(Debug, Default)]
+pub(crate) struct LastLamps {
+    pub(crate) last: Mutex<Option<(([f64; 3], String), Arc<serde_json::Value>)>>,
 }
 
 /// How far a probe is: cameras rendered, of all.

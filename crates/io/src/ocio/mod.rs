@@ -1,7 +1,7 @@
 //! OpenColorIO: colour spaces of a configuration, and its displays.
 //!
-//! In: a configuration (`.ocio`, or `ocio://NAME` for one that is built in). The way to ACES2065-1 is
-//! its role `aces_interchange`, or its space of that name. A configuration is a stranger's file,
+//! In: a configuration (`.ocio`, or `ocio://NAME` for one that is built in). The way to ACES2065-1
+//! is its role `aces_interchange`, or its space of that name. A configuration is a stranger's file,
 //! and so are the tables that it names: panics of the library are errors; archives, and YAML that
 //! expands to much more than its size, are refused.
 

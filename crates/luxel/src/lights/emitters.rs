@@ -22,6 +22,12 @@ const LEAST_PART: f64 = 1e-3;
 /// Most groups that are looked at.
 const MOST_GROUPS: usize = 64;
 
+/// A camera and what it sees of the scene, in normalised units.
+pub(super) struct SeenView {
+    pub(super) camera: Camera,
+    pub(super) image: Image,
+}
+
 /// A group of splats that shine.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Emitter {
@@ -59,20 +65,20 @@ fn place(scene: &Scene, i: u32) -> DVec3 {
 
 /// Returns the luminance above which a pixel shows a lamp: `medians` times the median of the
 /// pixels that show anything.
-pub(super) fn threshold(views: &[(Camera, Image)], medians: f64) -> f32 {
+pub(super) fn threshold(views: &[SeenView], medians: f64) -> f32 {
     let median = median(views, |pixel| luminance_sum(*pixel));
     if median > 0.0 { (medians * f64::from(median)) as f32 } else { f32::INFINITY }
 }
 
 /// Returns the median radiance of the views, by channel: what a direction that none of them shows
 /// is likely to have.
-pub(super) fn typical(views: &[(Camera, Image)]) -> [f32; 3] {
+pub(super) fn typical(views: &[SeenView]) -> [f32; 3] {
     [0, 1, 2].map(|c| median(views, |pixel| pixel[c]))
 }
 
 /// Returns the median of a value of the pixels where it is above 0; 0 without any.
-fn median(views: &[(Camera, Image)], value: impl Fn(&[f32; 3]) -> f32) -> f32 {
-    let mut lit: Vec<f32> = views.iter().flat_map(|(_, image)| &image.pixels).map(value).filter(|y| *y > 0.0).collect();
+fn median(views: &[SeenView], value: impl Fn(&[f32; 3]) -> f32) -> f32 {
+    let mut lit: Vec<f32> = views.iter().flat_map(|view| &view.image.pixels).map(value).filter(|y| *y > 0.0).collect();
     if lit.is_empty() {
         return 0.0;
     }
@@ -83,14 +89,14 @@ fn median(views: &[(Camera, Image)], value: impl Fn(&[f32; 3]) -> f32) -> f32 {
 /// Finds the groups, strongest first; `engine` holds the scene.
 pub(super) fn emitters(
     scene: &Scene,
-    views: &[(Camera, Image)],
+    views: &[SeenView],
     threshold: f32,
     options: &RenderOptions,
     engine: &mut dyn Engine,
 ) -> Result<Vec<Emitter>> {
     let mut sums = [const { Vec::new() }; 3];
     sums.iter_mut().for_each(|sum: &mut Vec<f64>| sum.resize(scene.splats.len(), 0.0));
-    for (camera, image) in views {
+    for SeenView { camera, image } in views {
         let mask: Vec<f32> = image.pixels.iter().map(|p| f32::from(u8::from(luminance_sum(*p) > threshold))).collect();
         if mask.iter().all(|m| *m == 0.0) {
             continue;
@@ -109,9 +115,9 @@ pub(super) fn emitters(
 }
 
 /// Returns the median size of a pixel at the depth of the splats.
-fn pixel_size(scene: &Scene, views: &[(Camera, Image)], splats: &[usize]) -> f64 {
+fn pixel_size(scene: &Scene, views: &[SeenView], splats: &[usize]) -> f64 {
     let middle = splats.iter().map(|i| place(scene, *i as u32)).sum::<DVec3>() / splats.len().max(1) as f64;
-    let mut sizes: Vec<f64> = views.iter().map(|(camera, _)| camera.eye().distance(middle) / camera.focal_px.x).collect();
+    let mut sizes: Vec<f64> = views.iter().map(|SeenView { camera, .. }| camera.eye().distance(middle) / camera.focal_px.x).collect();
     sizes.sort_by(f64::total_cmp);
     sizes.get(sizes.len() / 2).copied().unwrap_or(0.0)
 }

@@ -9,7 +9,7 @@
 use glam::{DVec2, DVec3};
 use luxel_core::{Camera, Engine, Image, RenderOptions, Scene, Splats};
 
-use super::emitters::Emitter;
+use super::emitters::{Emitter, SeenView};
 use super::fit::Sample;
 use crate::Result;
 use crate::error::Context;
@@ -25,12 +25,12 @@ const NEAR_SPREADS: f64 = 4.0;
 pub(super) fn samples(
     scene: &Scene,
     emitter: &Emitter,
-    views: &[(Camera, Image)],
+    views: &[SeenView],
     options: &RenderOptions,
     engine: &mut dyn Engine,
 ) -> Result<Vec<Sample>> {
     let seeing: Vec<&Camera> =
-        views.iter().map(|(camera, _)| camera).filter(|camera| inside(scene, emitter, camera) >= LEAST_INSIDE).collect();
+        views.iter().map(|view| &view.camera).filter(|camera| inside(scene, emitter, camera) >= LEAST_INSIDE).collect();
     let dark = alone(&scene.splats, &emitter.splats);
     let reach = NEAR_SPREADS * emitter.spread(scene) + emitter.link;
     let is_near = |i: &u32| DVec3::from_array(dark.position[*i as usize].map(f64::from)).distance(emitter.middle) <= reach;

@@ -21,10 +21,10 @@ mod tests;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
-use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Engine, Image, Scene, View};
+use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Engine, Scene, View};
 use luxel_io::{ExrSample, IoError, LightShape, StageDome, StageLight, StageLights, write_atomically, write_lights};
 
-use self::emitters::Emitter;
+use self::emitters::{Emitter, SeenView};
 use self::fit::{Distribution, Fit, Sample};
 pub use self::table::{lights_csv, lights_json};
 use crate::error::{Context, ensure};
@@ -258,16 +258,20 @@ fn reduced(cameras: &[Camera]) -> Vec<Camera> {
 }
 
 /// Renders the views; the engine then holds the scene.
-fn rendered(scene: &Scene, cameras: &[Camera], engine: &mut dyn Engine) -> Result<Vec<(Camera, Image)>> {
+fn rendered(scene: &Scene, cameras: &[Camera], engine: &mut dyn Engine) -> Result<Vec<SeenView>> {
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let options = scene.render_options();
-    cameras.iter().map(|camera| Ok((camera.clone(), engine.render(camera, &options).context("cannot render a view")?))).collect()
+    let seen = |camera: &Camera| {
+        let image = engine.render(camera, &options).context("cannot render a view")?;
+        Ok(SeenView { camera: camera.clone(), image })
+    };
+    cameras.iter().map(seen).collect()
 }
 
 /// Finds lamps, strongest first, and what stays in the map; `engine` holds the scene.
 fn find(
     scene: &Scene,
-    views: &[(Camera, Image)],
+    views: &[SeenView],
     options: &LightOptions,
     engine: &mut dyn Engine,
     observer: &dyn Observer,
