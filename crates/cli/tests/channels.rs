@@ -34,7 +34,8 @@ fn numbers_of_splats_and_motion_are_channels_of_their_own() {
     assert!(matches!(first["id"], FlatSamples::F32(_)), "programs divide whole numbers by the largest");
     let ids = floats(&first["id"]);
     let alpha = floats(&first["A"]);
-    let splats = place.events(&["info", "run"], "finished")[0]["splats"].as_u64().unwrap();
+    let scene = std::fs::read_dir(place.path("run/point_cloud")).unwrap().next().unwrap().unwrap().path().join("point_cloud.ply");
+    let splats = luxel_io::read_scene(&scene).unwrap().splats.len();
     for (id, alpha) in ids.iter().zip(&alpha) {
         assert!((0.0..splats as f32).contains(id) || (*id == -1.0 && *alpha < 0.01), "{id} {alpha}");
     }
@@ -53,8 +54,10 @@ fn a_matte_of_everything_covers_what_alpha_covers() {
     let path = place.path("shot/000.exr");
     let found = channels(&path);
     let [alpha, all] = ["A", "CryptoSelection00.G"].map(|name| floats(&found[name]));
-    // Where the whole is bright, both have the same coverage, and either may be first.
-    assert!(alpha.iter().zip(&all).all(|(a, b)| (a - b).abs() < 1e-3), "the largest coverage is that of everything");
+    // The largest coverage is that of everything. Cut-offs follow radiance: those of a matte, whose
+    // radiance is 1, are others.
+    let apart: Vec<f32> = alpha.iter().zip(&all).map(|(a, b)| (a - b).abs()).collect();
+    assert!(apart.iter().sum::<f32>() < 0.02 * apart.len() as f32 && apart.iter().all(|d| *d < 0.2));
     let second = floats(&found["CryptoSelection00.A"]);
     assert!(second.iter().zip(&all).all(|(less, more)| less <= more) && second.iter().any(|v| *v > 0.1));
     let texts = luxel_io::read_exr_attributes(&path).unwrap().texts;
@@ -73,7 +76,7 @@ fn channels_that_cannot_be_are_refused_with_a_remedy() {
     place.error(&render(&["--aov", "motion"]), &["--aov motion needs a camera that moves", "--path"]);
     place.error(&render(&["--matte", "dark=L < 1e-30"]), &["matte dark: no splat is selected"]);
     place.error(&render(&["--matte", "a=all", "--matte", "a=L > p50"]), &["--matte a: the name is given twice"]);
-    assert!(place.fails(2, &render(&["--matte", "L > p50"])).contains("letters"));
+    assert!(place.fails(2, &render(&["--matte", "L > p50"])).contains("NAME=SELECTION"));
     assert!(place.fails(2, &render(&["--aov", "beauty"])).contains("motion"));
     place.error(
         &["render", "run", "-o", "shot", "--projection", "fisheye", "--aov", "id"],
@@ -93,7 +96,7 @@ fn previews_are_those_of_a_display_of_opencolorio() {
     let picture = |name: &str| image::open(place.path(name)).unwrap().to_rgb8();
     let (aces, agx) = (picture("aces/000.png"), picture("agx/000.png"));
     assert_eq!(aces.dimensions(), agx.dimensions());
-    assert!(aces != agx && aces.pixels().any(|pixel| pixel.0.iter().any(|v| *v > 60)));
+    assert!(aces != agx && aces.pixels().any(|pixel| pixel.0.iter().any(|v| *v > 20)));
     assert!(place.notes(&with("aces", &["--ocio", ACES_2])).contains("exist already and are kept"));
     place.error(&with("aces", &["--ocio", ACES_2, "--view", "Un-tone-mapped"]), &["aces/000.png: exists already"]);
     place.error(&with("other", &["--ocio", ACES_2, "--display", "cinema"]), &["no display \"cinema\"", "sRGB"]);
