@@ -34,7 +34,9 @@ pub(crate) fn run(args: &LightsArgs, explicit: &ExplicitArgs) -> Result<()> {
         device.device = Device::Cpu;
     }
     let mut engine = engine::engine(&device)?.engine;
-    let lights = scene_lights(source.scene, &dataset, &args.options(), engine.as_mut(), &console)?;
+    let cd_m2_per_unit = source.cd_m2_per_unit(DataRequest::new(&args.input, explicit));
+    let mut lights = scene_lights(source.scene, &dataset, &args.options(), engine.as_mut(), &console)?;
+    lights.cd_m2_per_unit = cd_m2_per_unit;
     lights.save(&args.output, UpArg::up(args.up), &dataset)?;
     if lights.lights.is_empty() {
         console.warn("no lamps found: all light is in the map; a lower --medians finds fainter ones");
@@ -59,6 +61,9 @@ fn describe(args: &LightsArgs, lights: &SceneLights, map: Option<&Path>) -> Tree
     tree.set("file", args.output.display().to_string());
     tree.set("lamps", lights.lights.len());
     tree.set("color_space", lights.color_space.name());
+    if let Some(nits) = lights.cd_m2_per_unit {
+        tree.set_f32("cd_m2_per_unit", nits as f32);
+    }
     if let (Some(dome), Some(map)) = (&lights.dome, map) {
         tree.set("map", map.display().to_string());
         tree.set_f32s("mean_radiance", &dome.summary.mean_radiance.map(|v| v as f32));

@@ -23,7 +23,7 @@ pub(crate) fn run(args: &ViewArgs, explicit: &ExplicitArgs) -> Result<()> {
     let viewer = Viewer::bind(args.listen)?;
     let source = SceneSource::open(&args.input.scene, &console)?;
     let dataset = dataset(args, explicit, &source, &console)?;
-    let cd_m2_per_unit = unit(args, explicit, &source);
+    let cd_m2_per_unit = source.cd_m2_per_unit(DataRequest::new(&args.input, explicit));
     let other = args.with.as_deref().map(|path| other(path, args, &console)).transpose()?;
     let background = source.background_radiance();
     let scene = Scene::from(source.scene);
@@ -45,18 +45,6 @@ fn other(path: &Path, args: &ViewArgs, console: &Console) -> Result<Other> {
     let mut renderer = Renderer::with_engine(&scene, engine::engine(&device(args))?.engine)?;
     renderer.set_background(background);
     Ok(Other { name: name(path), scene, renderer })
-}
-
-/// Returns the luminance of one unit of the data set that the viewer shows, cd/m2; `None` where it
-/// is not calibrated.
-fn unit(args: &ViewArgs, explicit: &ExplicitArgs, source: &SceneSource) -> Option<f64> {
-    let request = DataRequest::new(&args.input, explicit);
-    let path = match (&source.run, &args.input.data) {
-        (Some((folder, config)), _) => request.of_run(folder, config).ok()?.0,
-        (None, Some(path)) => path.clone(),
-        (None, None) => return None,
-    };
-    cd_m2_per_unit(&path)
 }
 
 /// Prints the address and opens it in a browser.

@@ -57,7 +57,7 @@ pub fn encode_lights_glb(name: &Path, lights: &StageLights) -> Result<Vec<u8>, I
         .collect();
     let mut document = json!({
         "asset": { "version": "2.0", "generator": concat!("Luxel ", env!("CARGO_PKG_VERSION")) },
-        "extras": { "luxel": { "colorSpace": color_interop_id(lights.color_space), "metresPerUnit": lights.metres_per_unit } },
+        "extras": { "luxel": { "colorSpace": color_interop_id(lights.color_space), "metresPerUnit": lights.metres_per_unit, "cdM2PerUnit": lights.cd_m2_per_unit } },
         "scene": 0, "scenes": [{}],
     });
     // Empty arrays are not allowed.

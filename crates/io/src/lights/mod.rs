@@ -107,6 +107,8 @@ pub struct StageLights {
     pub dome: Option<StageDome>,
     /// Metres of a unit; `None` if nothing states it.
     pub metres_per_unit: Option<f64>,
+    /// Luminance of a unit of radiance, cd/m2; `None` if nothing states it.
+    pub cd_m2_per_unit: Option<f64>,
     /// Primaries of radiance, linear.
     pub color_space: ColorSpace,
 }

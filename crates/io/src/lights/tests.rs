@@ -17,6 +17,7 @@ fn lights() -> StageLights {
         ],
         dome: Some(StageDome { texture: "./a@b.exr".into() }),
         metres_per_unit: Some(0.5),
+        cd_m2_per_unit: Some(1.0),
         color_space: ColorSpace::LinearRec709,
     }
 }
@@ -39,6 +40,7 @@ fn a_layer_holds_radiance_as_intensity_times_colour() {
     for expected in [
         "upAxis = \"Y\"",
         "metersPerUnit = 0.5",
+        "radiance in cd/m2 (nits), lin_rec709_scene",
         "def SphereLight \"Lamp_1\"",
         "float inputs:intensity = 170\n",
         "color3f inputs:color = (1, 0.7411764705882353, 0.4176470588235294) (",
@@ -52,8 +54,9 @@ fn a_layer_holds_radiance_as_intensity_times_colour() {
     ] {
         assert!(text.contains(expected), "{expected} in\n{text}");
     }
-    let none = StageLights { lights: Vec::new(), dome: None, metres_per_unit: None, ..lights() };
-    assert!(stage_lights_text(&none).contains("metersPerUnit is not measured"));
+    let none = StageLights { lights: Vec::new(), dome: None, metres_per_unit: None, cd_m2_per_unit: None, ..lights() };
+    let text = stage_lights_text(&none);
+    assert!(text.contains("metersPerUnit is not measured") && text.contains("units that are not calibrated"));
 }
 
 #[test]

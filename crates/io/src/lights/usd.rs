@@ -13,8 +13,13 @@ use crate::image::color_interop_id;
 pub fn stage_lights_text(lights: &StageLights) -> String {
     let (metres, doubt) = lights.metres_per_unit.map_or((1.0, "; metersPerUnit is not measured"), |metres| (metres, ""));
     let space = color_interop_id(lights.color_space);
+    let unit = match lights.cd_m2_per_unit {
+        Some(1.0) => " in cd/m2 (nits)".to_owned(),
+        Some(nits) => format!(" in units of {nits} cd/m2 (nits)"),
+        None => " in units that are not calibrated".to_owned(),
+    };
     let mut text = format!(
-        "#usda 1.0\n(\n    defaultPrim = \"Lights\"\n    doc = \"Lights by Luxel: intensity times colour is radiance, {space}{doubt}\"\n    \
+        "#usda 1.0\n(\n    defaultPrim = \"Lights\"\n    doc = \"Lights by Luxel: intensity times colour is radiance{unit}, {space}{doubt}\"\n    \
          metersPerUnit = {metres}\n    upAxis = \"Y\"\n)\n\ndef Xform \"Lights\"\n{{\n"
     );
     for (i, light) in lights.lights.iter().enumerate() {

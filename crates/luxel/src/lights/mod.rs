@@ -123,6 +123,9 @@ pub struct SceneLights {
     pub left_in_map: Vec<String>,
     /// Primaries of radiance.
     pub color_space: ColorSpace,
+    /// Luminance of a unit of radiance, cd/m2; `None` where the data set is not calibrated. It is
+    /// stated in files and changes no number.
+    pub cd_m2_per_unit: Option<f64>,
 }
 
 /// Finds the lamps of a scene and renders the rest of its light.
@@ -165,7 +168,8 @@ pub fn lights_seen_by(
     let views = rendered(&scene, &cameras, engine)?;
     let (found, left_in_map) = find(&scene, &views, options, engine, observer)?;
     let lights = found.iter().map(|found| in_world(found, &scene, options.color_space)).collect();
-    let mut result = SceneLights { lights, dome: None, unseen_share: 0.0, left_in_map, color_space: options.color_space };
+    let mut result =
+        SceneLights { lights, dome: None, unseen_share: 0.0, left_in_map, color_space: options.color_space, cd_m2_per_unit: None };
     if let Some(dome) = &options.dome {
         for i in found.iter().flat_map(|found| &found.emitter.splats) {
             scene.splats.scale_gain(*i as usize, 0.0);
@@ -239,6 +243,7 @@ impl SceneLights {
             lights: lights.collect(),
             dome: dome.map(|texture| StageDome { texture: texture.to_owned() }),
             metres_per_unit: dataset.metres_per_unit,
+            cd_m2_per_unit: self.cd_m2_per_unit,
             color_space: self.color_space,
         })
     }
