@@ -56,7 +56,7 @@ def test_examples_of_the_guide_run(dataset: luxel.Dataset, tmp_path: Path, monke
         few_steps = block.replace("steps=2000", "steps=20").replace("seed=42)", "seed=42, steps=20)").replace("1000 == 0", "10 == 0")
         few_steps = few_steps.replace("luxel.train(dataset, on_step", "luxel.train(my_dataset, steps=20, on_step")
         # What so few steps make has no large parts.
-        few_steps = few_steps.replace("triangles=50_000", "voxel=0.1, min_island=0.2")
+        few_steps = few_steps.replace("triangles=50_000", "voxel=0.1, min_island=0.01")
         if "my_dataset" in few_steps:
             names["my_dataset"] = dataset
         exec(compile(few_steps, str(PAGE), "exec"), names)  # noqa: S102
