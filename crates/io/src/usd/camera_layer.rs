@@ -23,8 +23,8 @@ use crate::{IoError, write_atomically};
 
 /// Most frames of a shot.
 const MAX_FRAMES: f64 = 1e5;
-/// Horizontal aperture of written cameras: that of 35 mm film, tenths of a unit.
-const APERTURE: f64 = 36.0;
+/// Horizontal aperture of written cameras: that of 35 mm film, metres.
+const APERTURE_M: f64 = 0.036;
 /// Cameras that a message lists.
 const MAX_LISTED: usize = 5;
 
@@ -210,11 +210,11 @@ pub fn stage_cameras_text(name: &Path, cameras: &StageCameras, motion: StageMoti
             let mut names: Vec<String> = Vec::new();
             for named in &cameras.cameras {
                 let name = prim_name(&named.name, &names);
-                prim(&mut text, &name, std::slice::from_ref(named), false);
+                prim(&mut text, &name, std::slice::from_ref(named), false, metres);
                 names.push(name);
             }
         }
-        StageMotion::Moving { .. } => prim(&mut text, "shot", &cameras.cameras, true),
+        StageMotion::Moving { .. } => prim(&mut text, "shot", &cameras.cameras, true, metres),
     }
     text.push_str("}\n");
     Ok(text)
@@ -250,33 +250,38 @@ struct Lens {
 }
 
 impl Lens {
-    /// Returns a camera's lens for the usual aperture, in numbers that are floats of 32 bits.
-    fn of(camera: &Camera) -> Self {
+    /// Returns a camera's lens for the usual aperture, in numbers that are floats of 32 bits. They
+    /// are tenths of a unit of the stage, so that focus and aperture of other programs have the
+    /// right size: millimetres only where a unit is a centimetre.
+    fn of(camera: &Camera, metres_per_unit: f64) -> Self {
         let round = |value: f64| f64::from(value as f32);
         let [width, height] = camera.size_px.map(f64::from);
-        let focal_length = round(APERTURE * camera.focal_px.x / width);
+        let aperture = round(10.0 * APERTURE_M / metres_per_unit);
+        let focal_length = round(aperture * camera.focal_px.x / width);
         let vertical = round(focal_length * height / camera.focal_px.y);
-        let offset_x = round(APERTURE * (0.5 - camera.center_px.x / width));
+        let offset_x = round(aperture * (0.5 - camera.center_px.x / width));
         let offset_y = round(vertical * (camera.center_px.y / height - 0.5));
-        Self { focal_length, aperture: [APERTURE, vertical], offset: [offset_x, offset_y] }
+        Self { focal_length, aperture: [aperture, vertical], offset: [offset_x, offset_y] }
     }
 }
 
 /// Appends a camera, at the time codes 0, 1, 2 and so on if it moves.
-fn prim(text: &mut String, name: &str, cameras: &[PathCamera], moves: bool) {
+fn prim(text: &mut String, name: &str, cameras: &[PathCamera], moves: bool, metres_per_unit: f64) {
     let _ = writeln!(text, "    def Camera \"{name}\"\n    {{");
     let mut property = |kind: &str, name: &str, value: &dyn Fn(&Camera) -> String| {
         let values: Vec<String> = cameras.iter().map(|named| value(&named.camera)).collect();
         write_property(&mut *text, kind, name, &values, moves);
     };
     property("float2", "clippingRange", &|_| "(0.01, 1000000)".to_owned());
-    property("float", "focalLength", &|camera| Lens::of(camera).focal_length.to_string());
-    property("float", "horizontalAperture", &|camera| Lens::of(camera).aperture[0].to_string());
-    property("float", "horizontalApertureOffset", &|camera| Lens::of(camera).offset[0].to_string());
+    let lens = |camera: &Camera| Lens::of(camera, metres_per_unit);
+    let float = |value: f64| (value as f32).to_string();
+    property("float", "focalLength", &|camera| float(lens(camera).focal_length));
+    property("float", "horizontalAperture", &|camera| float(lens(camera).aperture[0]));
+    property("float", "horizontalApertureOffset", &|camera| float(lens(camera).offset[0]));
     property("custom int", "luxel:height", &|camera| camera.size_px[1].to_string());
     property("custom int", "luxel:width", &|camera| camera.size_px[0].to_string());
-    property("float", "verticalAperture", &|camera| Lens::of(camera).aperture[1].to_string());
-    property("float", "verticalApertureOffset", &|camera| Lens::of(camera).offset[1].to_string());
+    property("float", "verticalAperture", &|camera| float(lens(camera).aperture[1]));
+    property("float", "verticalApertureOffset", &|camera| float(lens(camera).offset[1]));
     property("matrix4d", "xformOp:transform", &|camera| {
         let pose = camera.camera_from_world.inverse();
         let (axes, eye) = (from_opengl(pose.matrix3), pose.translation);

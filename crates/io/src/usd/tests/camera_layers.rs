@@ -68,6 +68,27 @@ fn written_cameras_are_read_back() {
 }
 
 #[test]
+fn lenses_are_in_tenths_of_a_unit() {
+    use crate::{PathCamera, StageCameras, StageMotion, stage_cameras_text};
+    let camera = luxel_core::Camera {
+        camera_from_world: glam::DAffine3::IDENTITY,
+        focal_px: glam::DVec2::splat(50.0),
+        center_px: glam::DVec2::splat(25.0),
+        size_px: [50, 50],
+        distortion: luxel_core::Distortion::default(),
+        projection: luxel_core::CameraProjection::Pinhole,
+    };
+    // A lens of 36 mm behind 36 mm of film, in metres, centimetres and an unknown unit.
+    for (metres_per_unit, length) in [(Some(1.0), "0.36"), (Some(0.01), "36"), (None, "0.36")] {
+        let cameras = StageCameras { cameras: vec![PathCamera::new("a", camera.clone())], metres_per_unit, is_z_up: false };
+        let text = stage_cameras_text(name(), &cameras, StageMotion::Still).unwrap();
+        for property in ["focalLength", "horizontalAperture", "verticalAperture"] {
+            assert!(text.contains(&format!("float {property} = {length}\n")), "{property} {length}\n{text}");
+        }
+    }
+}
+
+#[test]
 fn ranges_of_time_are_bounded() {
     use crate::{StageChoice, decode_stage_cameras};
     let frames = |range: &str| {
