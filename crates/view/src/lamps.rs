@@ -16,6 +16,7 @@ use crate::answer::{Answer, Failure};
 use crate::environment::point_of;
 use crate::house::{House, on_stage, try_beside};
 use crate::jobs::Stage;
+use crate::probe_map::FoundLamps;
 use crate::query::Query;
 use crate::stage::check_edits;
 use crate::subject::Shown;
@@ -31,8 +32,8 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, query: &mut Quer
     let (at, edit) = (point_of(query)?, query.take("edit").unwrap_or_default());
     check_edits(house.workshop.as_deref(), &edit)?;
     let mut last = house.lamps.last.lock().await;
-    if let Some((_, known)) = last.as_ref().filter(|(wish, _)| *wish == (at, edit.clone())) {
-        return Answer::json(&schema::VIEW.versioned(&**known));
+    if let Some(known) = last.as_ref().filter(|known| known.at == at && known.edit == edit) {
+        return Answer::json(&schema::VIEW.versioned(&known.answer));
     }
     let of_edit = edit.clone();
     let scene = on_stage(house, move |stage: &mut dyn Stage| Ok(stage.loaded(&of_edit)?.scene.clone())).await?;
@@ -46,9 +47,8 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, query: &mut Quer
         lights_seen_by(scene.into_core(), &cameras, surroundings, &options, engine.as_mut(), &Silent)
     };
     let lights = try_beside(find).await?;
-    let made = Arc::new(described(&lights));
-    *last = Some(((at, edit), Arc::clone(&made)));
-    Answer::json(&schema::VIEW.versioned(&*made))
+    let found = last.insert(FoundLamps { at, edit, answer: described(&lights) });
+    Answer::json(&schema::VIEW.versioned(&found.answer))
 }
 
 fn described(lights: &SceneLights) -> Value {

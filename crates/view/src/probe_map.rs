@@ -29,11 +29,18 @@ pub(crate) struct LastProbe {
     under_way: std::sync::Mutex<Option<(Wish, Progress)>>,
 }
 
-/// The lamps that were found last, as their answer, by point and edits; while some are searched
-/// for, others wait.
+/// The lamps at a point of the scene under edits, as they are answered.
+#[derive(Debug)]
+pub(crate) struct FoundLamps {
+    pub(crate) at: [f64; 3],
+    pub(crate) edit: String,
+    pub(crate) answer: serde_json::Value,
+}
+
+/// The lamps that were found last; while some are searched for, others wait.
 #[derive(Debug, Default)]
 pub(crate) struct LastLamps {
-    pub(crate) last: Mutex<Option<(([f64; 3], String), Arc<serde_json::Value>)>>,
+    pub(crate) last: Mutex<Option<FoundLamps>>,
 }
 
 /// How far a probe is: cameras rendered, of all.

@@ -111,7 +111,8 @@ fn the_map_is_between_the_cameras_and_what_they_look_at() {
 #[test]
 fn tables_have_a_row_for_each_lamp() {
     let (lights, left_in_map) = found(&scene(|splats| add(splats, DVec3::new(0.0, 0.0, 3.0), 0.1, LAMP)));
-    let lights = SceneLights { lights, dome: None, unseen_share: 0.0, left_in_map, color_space: ColorSpace::LinearRec709 };
+    let lights =
+        SceneLights { lights, dome: None, unseen_share: 0.0, left_in_map, color_space: ColorSpace::LinearRec709, cd_m2_per_unit: None };
     let table = lights_csv(&lights);
     let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
     assert!(rows.len() == 2 && rows[0].len() == rows[1].len() && rows[1][1] == "sphere", "{table}");
