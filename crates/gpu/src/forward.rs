@@ -8,7 +8,7 @@
 use luxel_core::{ColorModel, Pass};
 
 use crate::kernels::KernelId;
-use crate::layout::{BUCKET, BUCKETS_HEAD_BYTES, Bucket, DEPTH_DIGITS, DIGITS, Dispatches, Footprint, SORT_BLOCK, State};
+use crate::layout::{BUCKET, BUCKETS_HEAD_BYTES, Bucket, DEPTH_DIGITS, DIGITS, Dispatches, Entry, Footprint, SORT_BLOCK, State};
 
 #[cfg(test)]
 mod page;
@@ -41,7 +41,7 @@ pub(crate) enum Resource {
     BlockSums,
     EntryTiles(usize),
     EntryOrder(usize),
-    EntrySplats,
+    Entries,
     Buckets,
     /// For training; of the least size for an image.
     BucketPixels,
@@ -160,7 +160,8 @@ impl Resource {
             Self::DepthKeys(_) | Self::DepthOrder(_) => (0, each!(Splats, 1, 4) as &[Term]),
             Self::Places => (0, each!(Splats, 1, 8) as &[Term]),
             Self::BlockSums => (0, each!(Splats, SPLATS, 8) as &[Term]),
-            Self::EntryTiles(_) | Self::EntryOrder(_) | Self::EntrySplats => (0, each!(Entries, 1, 4) as &[Term]),
+            Self::EntryTiles(_) | Self::EntryOrder(_) => (0, each!(Entries, 1, 4) as &[Term]),
+            Self::Entries => (0, each!(Entries, 1, size_of::<Entry>()) as &[Term]),
             Self::Buckets => {
                 // The last bucket of each tile may be partly empty, including that of the tile
                 // behind the last (see bin.wgsl).
@@ -249,7 +250,7 @@ pub(crate) fn bin(pixels: PixelKind) -> Vec<Dispatch> {
     let [places, sums] = [at(3, Resource::Places), at(4, Resource::BlockSums)];
     let blocks = per(Count::Splats, SPLATS);
     let bin = |kernel, bindings, workgroups| Dispatch { pass: Pass::Bin, kernel, bindings, workgroups };
-    let emitted = [at(5, Resource::Footprints), at(6, Resource::EntryTiles(0)), at(7, Resource::EntrySplats)];
+    let emitted = [at(5, Resource::Footprints), at(6, Resource::EntryTiles(0)), at(7, Resource::Entries)];
     vec![
         bin(KernelId::BinSum, vec![camera, order, places, sums], blocks),
         bin(KernelId::BinScan, vec![camera, state, sums, at(8, Resource::Dispatches)], Workgroups::Fixed(1)),
@@ -288,7 +289,7 @@ pub(crate) fn rasterize(digits: usize, pixels: PixelKind) -> Dispatch {
         at(1, Resource::Footprints),
         at(2, Resource::Ranges),
         at(3, Resource::EntryOrder(digits % 2)),
-        at(4, Resource::EntrySplats),
+        at(4, Resource::Entries),
         at(5, Resource::Image),
         at(6, Resource::LastEntries),
         at(7, Resource::BucketPixels),

@@ -12,8 +12,8 @@ use wgpu::BufferUsages;
 use crate::device::{Buffer, Gpu};
 use crate::forward::{Count, Extent, Resource};
 use crate::layout::{
-    BUCKET, BUCKET_PIXELS_BYTES, CameraUniform, DEPTH_DIGITS, DIGIT_BITS, ENTRY_GRADIENT_BYTES, GROUP_SUMS_BYTES, LensUniform, LossUniform,
-    OptimizerUniform, SORT_ENTRIES, SORT_IDENTITY, SortUniform,
+    BUCKET, BUCKET_PIXELS_BYTES, CameraUniform, DEPTH_DIGITS, DIGIT_BITS, ENTRY_GRADIENT_BYTES, Entry, GROUP_SUMS_BYTES, LensUniform,
+    LossUniform, OptimizerUniform, SORT_ENTRIES, SORT_IDENTITY, SortUniform,
 };
 use crate::scene::Shard;
 
@@ -86,7 +86,7 @@ pub(crate) struct SplatBuffers {
 pub(crate) struct EntryBuffers {
     pub(crate) tiles: [Buffer; 2],
     pub(crate) order: [Buffer; 2],
-    pub(crate) splats: Buffer,
+    pub(crate) emitted: Buffer,
     pub(crate) gradients: Buffer,
     pub(crate) buckets: Buffer,
     pub(crate) bucket_pixels: Buffer,
@@ -110,13 +110,13 @@ fn slots(entries: u64, tiles: u64) -> u64 {
 
 /// Returns how many entries bindings of `bytes` can hold.
 pub(crate) fn most_entries(bytes: u64, training_tiles: u64) -> u64 {
-    let by_order = bytes / 4;
+    let by_pairs = bytes / size_of::<Entry>() as u64;
     if training_tiles == 0 {
-        return by_order;
+        return by_pairs;
     }
     let by_gradients = bytes / ENTRY_GRADIENT_BYTES;
     let slots = (bytes / BUCKET_PIXELS_BYTES).saturating_sub(training_tiles + 1);
-    by_order.min(by_gradients).min(slots * u64::from(BUCKET))
+    by_pairs.min(by_gradients).min(slots * u64::from(BUCKET))
 }
 
 /// Returns the number of entries to begin with.
@@ -144,7 +144,7 @@ impl EntryBuffers {
         Ok(Self {
             tiles: [storage("entries' tiles", Resource::EntryTiles(0))?, storage("entries' tiles", Resource::EntryTiles(1))?],
             order: [storage("entries' order", Resource::EntryOrder(0))?, storage("entries' order", Resource::EntryOrder(1))?],
-            splats: storage("entries' splats", Resource::EntrySplats)?,
+            emitted: storage("entries", Resource::Entries)?,
             gradients: gpu.storage("entries' gradients", training * ENTRY_GRADIENT_BYTES * sizes.entries)?,
             buckets: storage("buckets", Resource::Buckets)?,
             bucket_pixels: gpu.storage("buckets' pixels", training * BUCKET_PIXELS_BYTES * slots(sizes.entries, sizes.training_tiles))?,
@@ -257,7 +257,7 @@ impl StepBuffers {
             Resource::BlockSums => &splats.block_sums,
             Resource::EntryTiles(n) => entries.tiles.get(n)?,
             Resource::EntryOrder(n) => entries.order.get(n)?,
-            Resource::EntrySplats => &entries.splats,
+            Resource::Entries => &entries.emitted,
             Resource::Buckets => &entries.buckets,
             Resource::BucketPixels => &entries.bucket_pixels,
             Resource::Ranges => &pixels.ranges,
@@ -302,7 +302,7 @@ mod tests {
             let entries = most_entries(bytes, tiles);
             assert!(slots(entries, tiles) * BUCKET_PIXELS_BYTES <= bytes, "{bytes} {tiles}");
             assert!(entries * ENTRY_GRADIENT_BYTES <= bytes);
-            assert!(most_entries(bytes, 0) * 4 <= bytes);
+            assert!(most_entries(bytes, 0) * size_of::<Entry>() as u64 <= bytes);
         }
         assert_eq!(most_entries(4096, 49), 0);
     }

@@ -6,7 +6,7 @@ use luxel_core::{Camera, Engine, EngineError, RenderOptions};
 
 use crate::engine::GpuEngine;
 use crate::frame::tile_digits;
-use crate::layout::{DEPTH_DIGITS, Footprint, State, TILE_PX};
+use crate::layout::{BLOCK_PX, DEPTH_DIGITS, Entry, Footprint, State, TILE_PX};
 use crate::screen::tiles;
 
 /// The results of the passes of a render.
@@ -19,6 +19,9 @@ pub struct ForwardPasses {
     /// `bin` and `sort` by tile: each tile's splats, front to back. Rows of tiles one after the
     /// other.
     pub tile_splats: Vec<Vec<u32>>,
+    /// `bin`: for each of [`Self::tile_splats`], a bit for each block of the tile's pixels that the
+    /// splat touches, rows of blocks one after the other.
+    pub tile_blocks: Vec<Vec<u32>>,
     /// Tiles across and down.
     pub tiles: [u32; 2],
 }
@@ -26,6 +29,8 @@ pub struct ForwardPasses {
 impl ForwardPasses {
     /// Side of a tile, pixels.
     pub const TILE_PX: u32 = TILE_PX;
+    /// Size of a block of pixels.
+    pub const BLOCK_PX: [u32; 2] = BLOCK_PX;
 }
 
 impl GpuEngine {
@@ -44,17 +49,20 @@ impl GpuEngine {
         let places = numbers(&frame.splats.places, 2 * count)?;
         let state: State = bytemuck::pod_read_unaligned(&gpu.read(&frame.state, size_of::<State>() as u64)?);
         let entries = u64::from(state.entries);
-        let splats = numbers(&frame.entries.splats, entries)?;
+        let emitted: Vec<Entry> = bytemuck::pod_collect_to_vec(&gpu.read(&frame.entries.emitted, size_of::<Entry>() as u64 * entries)?);
         let order = numbers(&frame.entries.order[tile_digits(tile_count) % 2], entries)?;
         let ranges = numbers(&frame.pixels.ranges, 2 * u64::from(tile_count))?;
-        let splat_of = |entry: &u32| splats.get(*entry as usize).copied();
-        let list = |range: &[u32]| -> Vec<u32> {
-            order.get(range[0] as usize..range[1] as usize).unwrap_or_default().iter().filter_map(splat_of).collect()
+        let pair = |entry: &u32| emitted.get(*entry as usize).map(|Entry { splat, blocks }| (*splat, *blocks));
+        let list = |range: &[u32]| -> Vec<(u32, u32)> {
+            order.get(range[0] as usize..range[1] as usize).unwrap_or_default().iter().filter_map(pair).collect()
         };
+        let lists: Vec<_> = ranges.chunks(2).map(list).collect();
+        let column = |pick: fn(&(u32, u32)) -> u32| lists.iter().map(|list| list.iter().map(pick).collect()).collect();
         Ok(ForwardPasses {
             footprints: footprints.into_iter().zip(places.chunks(2)).map(|(f, place)| (place[1] > 0).then_some(f)).collect(),
             depth_order: numbers(&frame.splats.order[DEPTH_DIGITS as usize % 2], count)?,
-            tile_splats: ranges.chunks(2).map(list).collect(),
+            tile_splats: column(|pair| pair.0),
+            tile_blocks: column(|pair| pair.1),
             tiles,
         })
     }

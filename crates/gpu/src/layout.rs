@@ -9,9 +9,14 @@ use luxel_core::VIGNETTING_TERMS;
 
 /// Side of a tile, pixels: each pixel of a tile is a thread of a workgroup.
 pub(crate) const TILE_PX: u32 = 16;
-/// Splats per workgroup of the backward pass, one for each thread: a subgroup on most hardware, so
-/// that its barriers cost nothing.
-pub(crate) const BUCKET: u32 = 32;
+/// Size of a block of pixels: a tile is blocks of one size, each of which passes over splats that
+/// do not touch it.
+pub(crate) const BLOCK_PX: [u32; 2] = [8, 4];
+/// Blocks of a tile.
+pub(crate) const BLOCKS: u32 = TILE_PX * TILE_PX / (BLOCK_PX[0] * BLOCK_PX[1]);
+/// Splats per workgroup of the backward pass, whose threads are now the splats and now the pixels
+/// of a block: a subgroup on most hardware, so that its barriers cost nothing.
+pub(crate) const BUCKET: u32 = BLOCK_PX[0] * BLOCK_PX[1];
 /// Pairs that a workgroup of the sort counts and scatters.
 pub(crate) const SORT_BLOCK: u32 = 1024;
 /// Bits of a digit of the sort: three digits hold a depth, one or two a tile.
@@ -371,6 +376,16 @@ pub(crate) struct Dispatches {
     pub(crate) buckets: [u32; 3],
     /// Unused.
     pub(crate) padding_2: u32,
+}
+
+/// A pair of a splat and a tile. Twin: `Entry` in footprint.wgsl.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Entry {
+    /// Number of the splat.
+    pub(crate) splat: u32,
+    /// One bit for each of the tile's blocks that the splat touches.
+    pub(crate) blocks: u32,
 }
 
 /// Sums over an entry's pixels: three vec4f in rasterize_backward.wgsl.

@@ -145,6 +145,7 @@ fn structures_lie_in_memory_as_the_shaders_expect() {
     let densify = KernelId::Densify(MODEL);
     check!(densify, "Densify", DensifyUniform, [source_base, source_len, source_stride, base, len, stride, flags, opacity_logit_cap]);
     check!(densify, "PlanRow", PlanRowData, [source, flags, opacity_logit, log_scale_shift, offset_sigma, smoothing]);
+    check!(KernelId::BinEmit, "Entry", Entry, [splat, blocks]);
     check!(KernelId::BinScan, "Dispatches", Dispatches, [sort, padding, buckets, padding_2]);
     for kernel in [KernelId::BinRanges, KernelId::RasterizeBackward] {
         check!(kernel, "Bucket", Bucket, [tile, first, len, before]);

@@ -4,7 +4,8 @@
 // `bin_sum` counts the tiles and visible splats of each block of 256 splats in depth order.
 // `bin_scan` finds the start of each block's entries, their number, and the sizes of the later
 // dispatches; it halts the engine if the buffers are too small. `bin_emit` writes the entries,
-// divided evenly between a block's threads. `bin_ranges`, after the sort by tile, finds each tile's
+// divided evenly between a block's threads, each with the blocks of the tile that the splat touches:
+// those that the passes over pixels look at. `bin_ranges`, after the sort by tile, finds each tile's
 // run of entries and divides it into buckets.
 //
 // Two kernels compute how many tiles a splat touches, and a compiler may round them differently. If
@@ -43,7 +44,7 @@ struct Dispatches {
 @group(0) @binding(4) var<storage, read_write> block_sums: array<vec2u>;
 @group(0) @binding(5) var<storage, read> footprints: array<Footprint>;
 @group(0) @binding(6) var<storage, read_write> entry_tiles: array<u32>;
-@group(0) @binding(7) var<storage, read_write> entry_splats: array<u32>;
+@group(0) @binding(7) var<storage, read_write> entries: array<Entry>;
 @group(0) @binding(8) var<storage, read_write> dispatches: Dispatches;
 @group(0) @binding(9) var<storage, read> sorted_tiles: array<u32>;
 @group(0) @binding(10) var<storage, read_write> ranges: array<vec2u>;
@@ -165,18 +166,20 @@ fn bin_emit(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_i
         // If rounding gives fewer tiles here than `project` counted, the entry is given to the tile
         // behind the last.
         var tile = camera.tiles.x * camera.tiles.y;
+        var blocks = 0u;
         let area = touched_area(f, camera.tiles);
         for (var row = area.y; row < area.w; row++) {
             let columns = touched_columns(f, area, row, camera.tiles);
             let width = columns.y - columns.x;
             if (left < width) {
                 tile = row * camera.tiles.x + columns.x + left;
+                blocks = touched_blocks(f, vec2u(columns.x + left, row));
                 break;
             }
             left -= width;
         }
         entry_tiles[emit_base + n] = tile;
-        entry_splats[emit_base + n] = owner;
+        entries[emit_base + n] = Entry(owner, blocks);
     }
 }
 

@@ -10,7 +10,8 @@
 @group(0) @binding(7) var<storage, read> mask: array<f32>;
 @group(0) @binding(8) var<storage, read_write> entry_sums: array<vec4f>;
 
-var<workgroup> painted: array<f32, TILE_PIXELS>;
+var<workgroup> painted: array<f32, BLOCK_PIXELS>;
+var<workgroup> part_sums: array<vec3f, BUCKET>;
 
 @compute @workgroup_size(BUCKET)
 fn contribute(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
@@ -22,54 +23,74 @@ fn contribute(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation
     if (bucket.len == 0u) {
         return;
     }
-    let origin = vec2u(bucket.tile % camera.tiles.x, bucket.tile / camera.tiles.x) * TILE_PX;
-    for (var n = local; n < TILE_PIXELS; n += BUCKET) {
-        let at = origin + tile_pixel(n);
-        // One more than the number, to distinguish pixels beyond the image from pixels that no
-        // entry changed.
+    let corner = vec2u(bucket.tile % camera.tiles.x, bucket.tile / camera.tiles.x) * TILE_PX;
+    var counts = vec2u(0u);
+    for (var block = 0u; block < BLOCKS; block++) {
+        if (all(corner + tile_pixel(block * BLOCK_PIXELS + local) < camera.size_px)) {
+            counts += count_of_block(block, BUCKET);
+        }
+    }
+    let entry = stage(bucket, local, counts);
+    var sums = vec3f(0.0);
+    for (var block = 0u; block < BLOCKS; block++) {
+        var waiting = workgroupUniformLoad(&waiting_of_block[block]);
+        if (waiting == 0u) {
+            continue;
+        }
+        let at = corner + tile_pixel(block * BLOCK_PIXELS + local);
+        let center = vec2f(at) + 0.5;
+        let inside = all(at < camera.size_px);
         var last = 0u;
-        if (all(at < camera.size_px)) {
-            let pixel = at.y * camera.size_px.x + at.x;
-            last = last_entries[pixel] + 1u;
-            painted[n] = mask[at.y / camera.samples * (camera.size_px.x / camera.samples) + at.x / camera.samples];
-            transmittances[n] = 1.0;
-            if (bucket.before > 0u && last > bucket.before + 1u) {
-                transmittances[n] = bucket_pixels[slot * TILE_PIXELS + n].w;
+        var transmittance = 1.0;
+        painted[local] = 0.0;
+        if (inside) {
+            last = last_entries[at.y * camera.size_px.x + at.x];
+            painted[local] = mask[at.y / camera.samples * (camera.size_px.x / camera.samples) + at.x / camera.samples];
+            if (bucket.before > 0u && last > bucket.before) {
+                transmittance = bucket_pixels[slot * TILE_PIXELS + block * BLOCK_PIXELS + local].w;
             }
         }
-        lasts[n] = last;
-    }
-    workgroupBarrier();
-    var entry = 0u;
-    var f: Footprint;
-    if (local < bucket.len) {
-        entry = sorted_entries[bucket.first + local];
-        f = footprints[entry_splats[entry]];
-    }
-    let root = vec3f(f.root_x, f.root_xy, f.root_y);
-    let number = bucket.before + local;
-    var sums = vec3f(0.0);
-    for (var step = 0u; step < STEPS; step++) {
-        // Negative numbers wrap to large ones.
-        let wagon = step - local;
-        if (wagon < TILE_PIXELS / WAGON && local < bucket.len) {
-            for (var k = 0u; k < WAGON; k++) {
-                let n = wagon * WAGON + k;
-                let seen = see(f.mean_px, root, f.log2_opacity, vec2f(origin + tile_pixel(n)) + 0.5);
-                if (lasts[n] > 0u && seen.log2_alpha >= f.log2_threshold) {
-                    let alpha = min(exp2(seen.log2_alpha), camera.max_alpha);
-                    var weight = 0.0;
-                    if (number + 1u < lasts[n]) {
-                        weight = alpha * transmittances[n];
-                        transmittances[n] -= weight;
+        while (waiting != 0u) {
+            let rows = next_rows(waiting);
+            waiting &= ~rows;
+            let span = span_of(rows);
+            var row = 0u;
+            for (var left = rows; left != 0u; left &= left - 1u) {
+                let n = firstTrailingBit(left);
+                let a = splats_a[n];
+                let b = splats_b[n];
+                let seen = see(a.xy, vec3f(a.zw, b.x), b.y, center);
+                // Blending weight, alpha.
+                var pair = vec2f(0.0);
+                if (inside && seen.log2_alpha >= b.z) {
+                    pair.y = min(exp2(seen.log2_alpha), camera.max_alpha);
+                    if (bucket.before + n < last) {
+                        pair.x = pair.y * transmittance;
+                        transmittance -= pair.x;
                     }
-                    sums += vec3f(weight * painted[n], weight, alpha);
+                }
+                pairs[row * ROW_STRIDE + local] = pair;
+                row++;
+            }
+            workgroupBarrier();
+            if (local % span < row) {
+                var part = vec3f(0.0);
+                for (var pixel = local / span * span; pixel < (local / span + 1u) * span; pixel++) {
+                    let pair = pairs[local % span * ROW_STRIDE + pixel];
+                    part += vec3f(pair.x * painted[pixel], pair);
+                }
+                part_sums[local] = part;
+            }
+            workgroupBarrier();
+            if (((rows >> local) & 1u) != 0u) {
+                for (var part = row_of(rows, local); part < BUCKET; part += span) {
+                    sums += part_sums[part];
                 }
             }
         }
-        workgroupBarrier();
     }
     if (local < bucket.len) {
-        entry_sums[entry] = vec4f(sums, sums.x * max(f.red, max(f.green, f.blue)));
+        let b = splats_b[local];
+        entry_sums[entry] = vec4f(sums, sums.x * max(b.w, max(splats_c[local].x, splats_c[local].y)));
     }
 }

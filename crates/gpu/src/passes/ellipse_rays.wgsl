@@ -106,3 +106,8 @@ fn touched_area(f: Footprint, tiles: vec2u) -> vec4u {
 fn touched_columns(f: Footprint, area: vec4u, tile_row: u32, tiles: vec2u) -> vec2u {
     return area.xz;
 }
+
+// Returns all blocks of the tile.
+fn touched_blocks(f: Footprint, tile: vec2u) -> u32 {
+    return (1u << BLOCKS) - 1u;
+}

@@ -18,10 +18,21 @@ struct Footprint {
     right_dy_px: f32,
 }
 
-// Returns the pixel of a tile for a thread: a run of 32 threads covers 8x4 pixels, so that
-// neighbours in a subgroup are neighbours on the screen.
+// A pair of a splat and a tile, with a bit for each of the tile's blocks that the splat touches.
+// Twin in Rust: layout.rs.
+struct Entry {
+    splat: u32,
+    blocks: u32,
+}
+
+// Blocks side by side in a tile.
+const BLOCK_COLUMNS = TILE_PX / BLOCK_WIDTH;
+
+// Returns the pixel of a tile for a thread: a run of threads covers a block, so that neighbours in a
+// subgroup are neighbours on the screen.
 fn tile_pixel(local: u32) -> vec2u {
-    let block = local >> 5u;
-    let lane = local & 31u;
-    return vec2u((block & 1u) * 8u + (lane & 7u), (block >> 1u) * 4u + (lane >> 3u));
+    let block = local / BLOCK_PIXELS;
+    let lane = local % BLOCK_PIXELS;
+    let corner = vec2u((block % BLOCK_COLUMNS) * BLOCK_WIDTH, (block / BLOCK_COLUMNS) * BLOCK_HEIGHT);
+    return corner + vec2u(lane % BLOCK_WIDTH, lane / BLOCK_WIDTH);
 }

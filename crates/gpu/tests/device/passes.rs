@@ -15,6 +15,7 @@ pub const ALL: &[(&str, Body)] = &[
     ("projected_splats_are_where_the_formula_says", projected_splats_are_where_the_formula_says),
     ("colors_are_those_of_the_color_model", colors_are_those_of_the_color_model),
     ("tiles_hold_every_splat_that_can_be_seen_in_them", tiles_hold_every_splat_that_can_be_seen_in_them),
+    ("blocks_have_the_bits_of_every_splat_that_can_be_seen_in_them", blocks_have_the_bits_of_every_splat_that_can_be_seen_in_them),
     ("tiles_are_sorted_by_depth_then_index", tiles_are_sorted_by_depth_then_index),
     ("a_near_plane_at_the_camera_leaves_the_order", a_near_plane_at_the_camera_leaves_the_order),
     ("many_splats_are_sorted_over_several_blocks", many_splats_are_sorted_over_several_blocks),
@@ -119,6 +120,38 @@ fn tiles_hold_every_splat_that_can_be_seen_in_them(gpu: &Arc<Gpu>) {
     }
     // Bounding boxes alone would list half as many again.
     assert!(listed * 10 <= needed * 12, "{listed} are listed, {needed} needed");
+}
+
+/// Tests that no pixel misses a splat because its block's bit is missing, and that bits are few.
+fn blocks_have_the_bits_of_every_splat_that_can_be_seen_in_them(gpu: &Arc<Gpu>) {
+    let camera = camera(83, 59);
+    // Round and large ones, and needles: long edges in all directions.
+    let mut scene = splats(models()[0], 300, &camera, 29);
+    for (i, scale) in scene.log_scale.iter_mut().enumerate() {
+        *scale = [[-1.5; 3], [0.5, -6.0, -6.0], [-4.0, -1.0, -4.0]][i % 3];
+    }
+    let passes = forward(gpu, &scene, &camera);
+    let [side, [width, height]] = [[ForwardPasses::TILE_PX; 2], ForwardPasses::BLOCK_PX];
+    let columns = side[0] / width;
+    let (mut needed, mut set, mut all) = (0usize, 0usize, 0usize);
+    for (tile, (list, blocks)) in passes.tile_splats.iter().zip(&passes.tile_blocks).enumerate() {
+        let tile = [tile as u32 % passes.tiles[0], tile as u32 / passes.tiles[0]];
+        for (splat, blocks) in list.iter().zip(blocks) {
+            let f = passes.footprints[*splat as usize].as_ref().unwrap();
+            for block in 0..columns * side[1] / height {
+                let corner = [tile[0] * side[0] + block % columns * width, tile[1] * side[1] + block / columns * height];
+                let mut pixels = (0..width * height).map(|n| [corner[0] + n % width, corner[1] + n / width]);
+                let is_seen = pixels.any(|pixel| reaches(f, pixel, 0.0));
+                let is_set = blocks >> block & 1 == 1;
+                assert!(!is_seen || is_set, "splat {splat} lacks the bit of block {block} of tile {tile:?}");
+                needed += usize::from(is_seen);
+                set += usize::from(is_set);
+                all += 1;
+            }
+        }
+    }
+    // An ellipse may lie between the centres of pixels.
+    assert!(needed > 1000 && set * 10 <= needed * 11 && set * 10 < all * 6, "{needed} bits are needed, {set} of {all} are set");
 }
 
 fn depths(scene: &Splats, camera: &Camera) -> Vec<f32> {

@@ -26,7 +26,7 @@ export const LAYERS = `
 @group(0) @binding(1) var<storage, read> footprints: array<Footprint>;
 @group(0) @binding(2) var<storage, read> ranges: array<vec2u>;
 @group(0) @binding(3) var<storage, read> sorted_entries: array<u32>;
-@group(0) @binding(4) var<storage, read> entry_splats: array<u32>;
+@group(0) @binding(4) var<storage, read> entries: array<Entry>;
 @group(0) @binding(5) var<storage, read> depths: array<f32>;
 @group(0) @binding(6) var<storage, read_write> layers: array<vec2f>;
 
@@ -40,14 +40,15 @@ fn layers_of_samples(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_inv
   var transmittance = 1.0;
   var sum = 0.0;
   for (var entry = range.x; entry < range.y; entry++) {
-    let splat = entry_splats[sorted_entries[entry]];
-    let f = footprints[splat];
+    let pair = entries[sorted_entries[entry]];
+    if (((pair.blocks >> (local / BLOCK_PIXELS)) & 1u) == 0u) { continue; }
+    let f = footprints[pair.splat];
     let seen = see(f.mean_px, vec3f(f.root_x, f.root_xy, f.root_y), f.log2_opacity, vec2f(at) + 0.5);
     if (seen.log2_alpha < f.log2_threshold) { continue; }
     let alpha = min(exp2(seen.log2_alpha), camera.max_alpha);
     let left = transmittance - alpha * transmittance;
     if (left < camera.min_transmittance) { break; }
-    sum += alpha * transmittance * depths[splat];
+    sum += alpha * transmittance * depths[pair.splat];
     transmittance = left;
   }
   layers[at.y * camera.size_px.x + at.x] = vec2f(1.0 - transmittance, sum);
