@@ -36,6 +36,9 @@ mod lights;
 mod retire;
 mod surplus;
 mod vignetting;
+mod work;
+
+pub use work::Work;
 
 /// The engine on a GPU. Equal inputs give equal bits on one adapter.
 pub struct GpuEngine {

@@ -49,6 +49,11 @@ pub(crate) enum KernelId {
     RasterizeBackwardRays,
     ProjectBackwardRays(ColorModel, Update),
     ContributeRays,
+    /// The passes over pixels, which count their work.
+    RasterizeCounted,
+    RasterizeCountedRays,
+    RasterizeBackwardCounted,
+    RasterizeBackwardCountedRays,
 }
 
 macro_rules! file {
@@ -77,6 +82,12 @@ const LENS: &str = file!("lens");
 const ELLIPSE_RAYS: &str = file!("ellipse_rays");
 const LINEARISE_RAYS: &str = file!("linearise_rays");
 const POINT_BACKWARD_RAYS: &str = file!("point_backward_rays");
+const RASTERIZE: &str = file!("rasterize");
+const UNWIND: &str = file!("unwind");
+const RASTERIZE_BACKWARD: &str = file!("rasterize_backward");
+// Whether work is counted.
+const NO_COUNTS: &str = file!("no_counts");
+const COUNTS: &str = file!("counts");
 const SORT: &[&str] = &[COMMON, file!("sort")];
 const BIN: &[&str] = &[COMMON, FOOTPRINT, ELLIPSE, file!("bin")];
 const LOSS: &[&str] = &[COMMON, file!("no_vignetting"), file!("loss")];
@@ -94,12 +105,14 @@ impl KernelId {
             Self::BinScan => "bin_scan",
             Self::BinEmit | Self::BinEmitRays => "bin_emit",
             Self::BinRanges => "bin_ranges",
-            Self::Rasterize | Self::RasterizeRays => "rasterize",
+            Self::Rasterize | Self::RasterizeRays | Self::RasterizeCounted | Self::RasterizeCountedRays => "rasterize",
             Self::LossSsim | Self::LossSsimVignetted => "loss_ssim",
             Self::LossGradient | Self::LossGradientVignetted => "loss_gradient",
             Self::LossReport => "loss_report",
             Self::VignettingSums => "vignetting_sums",
-            Self::RasterizeBackward | Self::RasterizeBackwardRays => "rasterize_backward",
+            Self::RasterizeBackward | Self::RasterizeBackwardRays | Self::RasterizeBackwardCounted | Self::RasterizeBackwardCountedRays => {
+                "rasterize_backward"
+            }
             Self::Gather => "gather",
             Self::ProjectBackward(..) | Self::ProjectBackwardRays(..) => "project_backward",
             Self::CameraBackward(_) | Self::CameraBackwardRays(_) => "camera_backward",
@@ -119,12 +132,16 @@ impl KernelId {
             Self::SortCount | Self::SortScan | Self::SortScatter => SORT,
             Self::BinSum | Self::BinScan | Self::BinEmit | Self::BinRanges => BIN,
             Self::BinEmitRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, file!("bin")],
-            Self::Rasterize => &[COMMON, FOOTPRINT, ELLIPSE, file!("rasterize")],
-            Self::RasterizeRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, file!("rasterize")],
+            Self::Rasterize => &[COMMON, FOOTPRINT, ELLIPSE, NO_COUNTS, RASTERIZE],
+            Self::RasterizeRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, NO_COUNTS, RASTERIZE],
+            Self::RasterizeCounted => &[COMMON, FOOTPRINT, ELLIPSE, COUNTS, RASTERIZE],
+            Self::RasterizeCountedRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, COUNTS, RASTERIZE],
             Self::LossSsim | Self::LossGradient | Self::LossReport => LOSS,
             Self::LossSsimVignetted | Self::LossGradientVignetted | Self::VignettingSums => LOSS_VIGNETTED,
-            Self::RasterizeBackward => &[COMMON, FOOTPRINT, ELLIPSE, file!("unwind"), file!("rasterize_backward")],
-            Self::RasterizeBackwardRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, file!("unwind"), file!("rasterize_backward")],
+            Self::RasterizeBackward => &[COMMON, FOOTPRINT, ELLIPSE, NO_COUNTS, UNWIND, RASTERIZE_BACKWARD],
+            Self::RasterizeBackwardRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, NO_COUNTS, UNWIND, RASTERIZE_BACKWARD],
+            Self::RasterizeBackwardCounted => &[COMMON, FOOTPRINT, ELLIPSE, COUNTS, UNWIND, RASTERIZE_BACKWARD],
+            Self::RasterizeBackwardCountedRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, COUNTS, UNWIND, RASTERIZE_BACKWARD],
             Self::Gather => &[COMMON, file!("gather")],
             Self::ProjectBackward(..) =>
                 &[COMMON, ROTATION, LINEARISE, PARAMETERS, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, POINT_BACKWARD, PROJECT_BACKWARD],
@@ -141,8 +158,8 @@ impl KernelId {
             ],
             Self::Apply(_) => &[COMMON, ROTATION, PARAMETERS, ADAM, NOISE, file!("apply")],
             Self::Densify(_) => &[COMMON, ROTATION, file!("densify")],
-            Self::Contribute => &[COMMON, FOOTPRINT, ELLIPSE, file!("unwind"), file!("contribute")],
-            Self::ContributeRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, file!("unwind"), file!("contribute")],
+            Self::Contribute => &[COMMON, FOOTPRINT, ELLIPSE, UNWIND, file!("contribute")],
+            Self::ContributeRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, UNWIND, file!("contribute")],
             Self::ContributeSum => &[COMMON, file!("contribute_sum")],
         }
     }
@@ -238,6 +255,10 @@ mod tests {
             KernelId::RasterizeRays,
             KernelId::RasterizeBackwardRays,
             KernelId::ContributeRays,
+            KernelId::RasterizeCounted,
+            KernelId::RasterizeCountedRays,
+            KernelId::RasterizeBackwardCounted,
+            KernelId::RasterizeBackwardCountedRays,
         ];
         for model in models {
             kernels.extend([

@@ -39,7 +39,7 @@ mod targets;
 
 pub use adapter::{AdapterFacts, AdapterKind, DeviceChoice, adapters};
 pub use device::Gpu;
-pub use engine::{GpuEngine, Traffic};
+pub use engine::{GpuEngine, Traffic, Work};
 pub use inspect::ForwardPasses;
 pub use layout::Footprint;
 

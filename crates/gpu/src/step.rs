@@ -141,6 +141,26 @@ impl Recorder<'_> {
     /// Records the passes from the image to the entries' gradients.
     pub(crate) fn backward(&mut self, target: &Target, vignetting: VignettingKind) {
         self.loss(target, vignetting);
+        self.rasterize_backward([KernelId::RasterizeBackward, KernelId::RasterizeBackwardRays]);
+    }
+
+    /// Records the pass from the image to the entries' gradients once more, which counts its work
+    /// beside them.
+    pub(crate) fn count_backward(&mut self) {
+        self.rasterize_backward([KernelId::RasterizeBackwardCounted, KernelId::RasterizeBackwardCountedRays]);
+    }
+
+    /// Records pass `rasterize` once more, which counts its work in the place of the image.
+    pub(crate) fn count_forward(&mut self) {
+        let dispatch = forward::rasterize(tile_digits(self.tile_count()), self.pixels);
+        let kernel = match self.pixels {
+            PixelKind::Places => KernelId::RasterizeCounted,
+            PixelKind::Rays => KernelId::RasterizeCountedRays,
+        };
+        self.dispatch(&Dispatch { kernel, ..dispatch }, None);
+    }
+
+    fn rasterize_backward(&mut self, kernels: [KernelId; 2]) {
         let frame = self.frame;
         let buffers = [
             bind(0, &frame.camera),
@@ -154,7 +174,7 @@ impl Recorder<'_> {
             bind(8, &frame.entries.gradients),
         ];
         let groups = Groups::Indirect(&frame.dispatches, std::mem::offset_of!(Dispatches, buckets));
-        self.add_either(Pass::RasterizeBackward, [KernelId::RasterizeBackward, KernelId::RasterizeBackwardRays], &buffers, groups);
+        self.add_either(Pass::RasterizeBackward, kernels, &buffers, groups);
     }
 
     fn loss(&mut self, target: &Target, vignetting: VignettingKind) {

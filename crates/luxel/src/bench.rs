@@ -26,6 +26,37 @@ pub struct Protocol {
     pub steps: u32,
 }
 
+impl Protocol {
+    /// Returns the view with the loss that is measured.
+    pub fn view(&self, view: &View) -> View {
+        View { target: Target { curve: ToneCurve::MuLaw { mu: self.mu }, ..Target::default() }, ..view.clone() }
+    }
+
+    /// Returns the settings of a training step.
+    pub fn step(&self, step: u32) -> StepConfig {
+        StepConfig {
+            step,
+            render: self.render,
+            loss: LossWeights::default(),
+            learning_rates: LearningRates {
+                position: LEARNING_RATE,
+                rotation: LEARNING_RATE,
+                log_scale: LEARNING_RATE,
+                opacity_logit: LEARNING_RATE,
+                sh_dc: LEARNING_RATE,
+                sh_rest: LEARNING_RATE,
+                luminance_dc: LEARNING_RATE,
+                luminance_rest: LEARNING_RATE,
+            },
+            betas: AdamBetas::default(),
+            position_noise: None,
+            dropout: None,
+            stats: StatsCollection::Gradients,
+            camera_gradient: CameraGradientChoice::Skip,
+        }
+    }
+}
+
 /// Times in milliseconds, one entry per step.
 #[derive(Clone, Debug)]
 pub struct Measured {
@@ -48,7 +79,7 @@ pub struct Measured {
 /// # Errors
 /// A camera that cannot be rendered; a device that gave up.
 pub fn measure(engine: &mut dyn Engine, view: &View, protocol: &Protocol) -> Result<Measured> {
-    let view = &View { target: Target { curve: ToneCurve::MuLaw { mu: protocol.mu }, ..Target::default() }, ..view.clone() };
+    let view = &protocol.view(view);
     let evaluations = engine.evaluations(&view.camera, &protocol.render).context("cannot render")?;
     let mut first = None;
     let mut forward_ms = Vec::new();
@@ -60,7 +91,7 @@ pub fn measure(engine: &mut dyn Engine, view: &View, protocol: &Protocol) -> Res
         let forward = start.elapsed();
         let before = engine.timings().to_vec();
         let start = Instant::now();
-        let report = engine.train_step(view, &step(protocol, round + 1)).context("cannot make a training step")?;
+        let report = engine.train_step(view, &protocol.step(round + 1)).context("cannot make a training step")?;
         engine.finish().context("cannot finish a training step")?;
         let whole = start.elapsed();
         first.get_or_insert(report);
@@ -84,33 +115,10 @@ fn in_a_row(engine: &mut dyn Engine, view: &View, protocol: &Protocol) -> Result
     let start = Instant::now();
     let first = protocol.warmup.saturating_add(protocol.steps).saturating_add(1);
     for round in 0..protocol.steps {
-        engine.train_step(view, &step(protocol, first.saturating_add(round))).context("cannot make a training step")?;
+        engine.train_step(view, &protocol.step(first.saturating_add(round))).context("cannot make a training step")?;
     }
     engine.finish().context("cannot finish a training step")?;
     Ok(milliseconds(start.elapsed()) / f64::from(protocol.steps.max(1)))
-}
-
-fn step(protocol: &Protocol, step: u32) -> StepConfig {
-    StepConfig {
-        step,
-        render: protocol.render,
-        loss: LossWeights::default(),
-        learning_rates: LearningRates {
-            position: LEARNING_RATE,
-            rotation: LEARNING_RATE,
-            log_scale: LEARNING_RATE,
-            opacity_logit: LEARNING_RATE,
-            sh_dc: LEARNING_RATE,
-            sh_rest: LEARNING_RATE,
-            luminance_dc: LEARNING_RATE,
-            luminance_rest: LEARNING_RATE,
-        },
-        betas: AdamBetas::default(),
-        position_noise: None,
-        dropout: None,
-        stats: StatsCollection::Gradients,
-        camera_gradient: CameraGradientChoice::Skip,
-    }
 }
 
 fn milliseconds(duration: Duration) -> f64 {

@@ -12,7 +12,7 @@ use crate::args::values::{InstructionSetArg, OrderArg, TransferArg, parse_positi
 
 /// Options of measuring, which --save excludes. --overwrite excludes them too, as clap does not
 /// require an option that another one excludes.
-const OF_MEASURING: [&str; 14] = [
+const OF_MEASURING: [&str; 15] = [
     "workload",
     "camera",
     "size",
@@ -21,6 +21,7 @@ const OF_MEASURING: [&str; 14] = [
     "layer",
     "mu",
     "order",
+    "count",
     "steps",
     "warmup",
     "json",
@@ -104,6 +105,10 @@ pub(crate) struct BenchArgs {
     /// Renders and steps before the measured ones, at most 1000000.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(..=1_000_000), value_name = "K", help_heading = "Measurement")]
     pub(crate) warmup: u32,
+    /// Count the work of a training step on the GPU engine, software renderers too, and measure no
+    /// times: entries, pairs, steps of the passes over pixels, keys, bytes, kernels.
+    #[arg(long, conflicts_with_all = ["steps", "warmup", "instruction_set"], help_heading = "Measurement")]
+    pub(crate) count: bool,
     /// Print one JSON object on stdout in place of a table.
     #[arg(long, help_heading = "Output")]
     pub(crate) json: bool,

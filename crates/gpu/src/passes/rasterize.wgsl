@@ -7,6 +7,9 @@
 // radiance [H*W,3] with the background; per pixel the number of its tile's entries up to and
 // including the last that changed it; and, for training, transmittance and radiance of each pixel
 // before every bucket but its tile's first, as long as the pixel is not finished.
+//
+// Where work is counted, the image holds numbers instead: entries that the pixel looked at, states
+// that it stored.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> footprints: array<Footprint>;
@@ -64,6 +67,8 @@ fn rasterize(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_
     var transmittance = 1.0;
     var radiance = vec3f(0.0);
     var last = 0u;
+    var looks = 0u;
+    var states = 0u;
     if (local == 0u) {
         atomicStore(&finished, 0u);
     }
@@ -97,11 +102,17 @@ fn rasterize(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_
             let before = start - range.x + first;
             if (keeps_state && before > 0u) {
                 bucket_pixels[(slots + before / BUCKET) * TILE_PIXELS + local] = vec4f(radiance, transmittance);
+                if (COUNTS) {
+                    states++;
+                }
             }
             var waiting = entries_of_block(first / BUCKET, local / BLOCK_PIXELS);
             while (live && waiting != 0u) {
                 let n = first + firstTrailingBit(waiting);
                 waiting &= waiting - 1u;
+                if (COUNTS) {
+                    looks++;
+                }
                 let a = batch_a[n];
                 let b = batch_b[n];
                 let seen = see(a.xy, vec3f(a.zw, b.x), b.y, center);
@@ -122,7 +133,10 @@ fn rasterize(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_
     }
     if (inside) {
         let pixel = at.y * camera.size_px.x + at.x;
-        let shown = radiance + transmittance * camera.background.xyz;
+        var shown = radiance + transmittance * camera.background.xyz;
+        if (COUNTS) {
+            shown = vec3f(f32(looks), f32(states), 0.0);
+        }
         image[3u * pixel] = shown.x;
         image[3u * pixel + 1u] = shown.y;
         image[3u * pixel + 2u] = shown.z;

@@ -10,6 +10,10 @@
 // With w_i = T_i alpha_i and S_i = sum over j > i of w_j c_j (background last), d alpha_i = T_i c_i
 // - S_i / (1 - alpha_i), dotted with the pixel's gradient. S is computed from the front: the
 // pixel's radiance minus what lies in front.
+//
+// Where work is counted, the last number of an entry is a sum of numbers that do not overlap: pairs
+// with pixels that it changed; 2^9 times the blocks that looked at it; and of the bucket's first
+// entry, 2^13 times the steps of phase 2, in eights, and 2^19 times how often both phases ran.
 
 @group(0) @binding(6) var<storage, read> image: array<f32>;
 @group(0) @binding(7) var<storage, read> pixel_gradients: array<vec4f>;
@@ -22,10 +26,12 @@ struct Sums {
     gg: vec3f,
     radiance: vec3f,
     absolute: vec2f,
+    // Pairs that were added, if they are counted.
+    count: f32,
 }
 
-const NO_SUMS = Sums(vec3f(0.0), vec3f(0.0), vec3f(0.0), vec2f(0.0));
-const SUMS = 11u;
+const NO_SUMS = Sums(vec3f(0.0), vec3f(0.0), vec3f(0.0), vec2f(0.0), 0.0);
+const SUMS = 11u + u32(COUNTS);
 
 // Gradients of the block's pixels, [channels, pixels].
 var<workgroup> gradients: array<f32, 3u * BLOCK_PIXELS>;
@@ -80,6 +86,9 @@ fn sum_row(row: u32, n: u32, first: u32, span: u32, corner: vec2u, block: u32) -
             sums.g += vec3f(pair.x, weight_of_center * gu, weight_of_center * gv);
             sums.gg += vec3f(gu * seen.u, gu * seen.v, gv * seen.v);
             sums.radiance += pair.y * vec3f(gradients[pixel], gradients[BLOCK_PIXELS + pixel], gradients[2u * BLOCK_PIXELS + pixel]);
+            if (COUNTS) {
+                sums.count += 1.0;
+            }
             if (with_absolute) {
                 sums.absolute += abs(vec2f(gu, root.y * gu + root.z * gv));
             }
@@ -102,6 +111,9 @@ fn store_part(local: u32, sums: Sums) {
         part_sums[9u * BUCKET + local] = sums.absolute.x;
         part_sums[10u * BUCKET + local] = sums.absolute.y;
     }
+    if (COUNTS) {
+        part_sums[(SUMS - 1u) * BUCKET + local] = sums.count;
+    }
 }
 
 // Returns three of the sums that a thread stored.
@@ -116,6 +128,9 @@ fn add_part(sums: ptr<function, Sums>, local: u32) {
     (*sums).radiance += three_of(6u, local);
     if ((camera.flags & FLAG_ABSOLUTE) != 0u) {
         (*sums).absolute += vec2f(part_sums[9u * BUCKET + local], part_sums[10u * BUCKET + local]);
+    }
+    if (COUNTS) {
+        (*sums).count += part_sums[(SUMS - 1u) * BUCKET + local];
     }
 }
 
@@ -192,6 +207,9 @@ fn rasterize_backward(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_in
                 store_part(local, sum_row(local % span, number, local / span * span, span, corner, block));
             }
             workgroupBarrier();
+            if (COUNTS) {
+                sums.count += f32((((rows >> local) & 1u) << 9u) + select(0u, (span / 8u << 13u) + (1u << 19u), local == 0u));
+            }
             if (((rows >> local) & 1u) != 0u) {
                 for (var part = row_of(rows, local); part < BUCKET; part += span) {
                     add_part(&sums, part);
@@ -202,6 +220,6 @@ fn rasterize_backward(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_in
     if (local < bucket.len) {
         entry_gradients[3u * entry] = vec4f(sums.g, sums.gg.x);
         entry_gradients[3u * entry + 1u] = vec4f(sums.gg.yz, sums.radiance.xy);
-        entry_gradients[3u * entry + 2u] = vec4f(sums.radiance.z, sums.absolute, 0.0);
+        entry_gradients[3u * entry + 2u] = vec4f(sums.radiance.z, sums.absolute, sums.count);
     }
 }

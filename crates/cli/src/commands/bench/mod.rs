@@ -1,5 +1,6 @@
 //! `luxel bench`: the time of a render and of a training step on a scene, pass by pass.
 
+mod count;
 mod report;
 mod workload;
 
@@ -22,6 +23,9 @@ pub(crate) fn run(args: &BenchArgs) -> Result<()> {
         workload::save(args, path)?;
         console.finish_with_note(json!({ "scene": path.display().to_string() }), &format!("scene {}", path.display()));
         return Ok(());
+    }
+    if args.count {
+        return count::run(args, &console);
     }
     let SelectedEngine { mut engine, threads, gpu, instruction_set, .. } = engine::engine_with(&args.device, args.instruction_set.into())?;
     let workload = Workload::prepare(args, engine.as_mut())?;

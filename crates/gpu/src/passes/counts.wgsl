@@ -1,0 +1,3 @@
+// The passes over pixels count their work: see work.rs.
+
+const COUNTS = true;

@@ -1,0 +1,3 @@
+// The passes over pixels do not count their work.
+
+const COUNTS = false;
