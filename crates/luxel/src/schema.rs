@@ -56,11 +56,13 @@ pub const BLOCK: Document = Document { name: "block.json", version: 1 };
 pub const BLOCKS: Document = Document { name: "blocks.json", version: 1 };
 /// A measurement of speed.
 pub const BENCH: Document = Document { name: "luxel bench --json", version: 1 };
+/// The work of a training step on a GPU.
+pub const BENCH_COUNT: Document = Document { name: "luxel bench --count --json", version: 1 };
 /// The scene and the probe that a viewer answers with.
 pub const VIEW: Document = Document { name: "luxel view", version: 1 };
 
 /// All documents, in the order of the reference.
-pub const DOCUMENTS: [Document; 20] = [
+pub const DOCUMENTS: [Document; 21] = [
     METRICS,
     LOG,
     CAMERAS,
@@ -80,6 +82,7 @@ pub const DOCUMENTS: [Document; 20] = [
     BLOCK,
     BLOCKS,
     BENCH,
+    BENCH_COUNT,
     VIEW,
 ];
 

@@ -4,9 +4,9 @@
 // `bin_sum` counts the tiles and visible splats of each block of 256 splats in depth order.
 // `bin_scan` finds the start of each block's entries, their number, and the sizes of the later
 // dispatches; it halts the engine if the buffers are too small. `bin_emit` writes the entries,
-// divided evenly between a block's threads, each with the blocks of the tile that the splat touches:
-// those that the passes over pixels look at. `bin_ranges`, after the sort by tile, finds each tile's
-// run of entries and divides it into buckets.
+// divided evenly between a block's threads, each with the blocks of the tile that the splat
+// touches: those that the passes over pixels look at. `bin_ranges`, after the sort by tile, finds
+// each tile's run of entries and divides it into buckets.
 //
 // Two kernels compute how many tiles a splat touches, and a compiler may round them differently. If
 // `bin_emit` finds fewer than `project` counted, the surplus entries are given to a tile behind the

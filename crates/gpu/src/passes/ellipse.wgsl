@@ -36,9 +36,9 @@ fn touched_area(f: Footprint, tiles: vec2u) -> vec4u {
 // A span without a pixel.
 const NO_SPAN = vec2f(0.0, -1.0);
 
-// Returns the first and the last column of pixels that the ellipse touches in a band of so many rows
-// of pixels: where it contains a pixel centre's column in the continuous band of the rows' pixel
-// centres, with a margin for rounding. The last is before the first if there is none. Twin:
+// Returns the first and the last column of pixels that the ellipse touches in a band of so many
+// rows of pixels: where it contains a pixel centre's column in the continuous band of the rows'
+// pixel centres, with a margin for rounding. The last is before the first if there is none. Twin:
 // cpu/passes/bin.rs.
 fn touched_span(f: Footprint, first_row: f32, rows: f32) -> vec2f {
     let reach = f.extent_y_px + MARGIN_PX;
@@ -87,7 +87,7 @@ fn touched_blocks(f: Footprint, tile: vec2u) -> u32 {
         let span = touched_span(f, corner.y + row, f32(BLOCK_HEIGHT));
         for (var column = 0u; column < BLOCK_COLUMNS; column++) {
             let first = corner.x + f32(column * BLOCK_WIDTH);
-            if (span.x < first + f32(BLOCK_WIDTH) && span.y >= first) {
+            if (span.x <= min(span.y, first + f32(BLOCK_WIDTH) - 1.0) && span.y >= first) {
                 blocks |= 1u << (block + column);
             }
         }

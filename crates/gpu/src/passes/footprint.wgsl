@@ -28,8 +28,8 @@ struct Entry {
 // Blocks side by side in a tile.
 const BLOCK_COLUMNS = TILE_PX / BLOCK_WIDTH;
 
-// Returns the pixel of a tile for a thread: a run of threads covers a block, so that neighbours in a
-// subgroup are neighbours on the screen.
+// Returns the pixel of a tile for a thread: a run of threads covers a block, so that neighbours
+// in a subgroup are neighbours on the screen.
 fn tile_pixel(local: u32) -> vec2u {
     let block = local / BLOCK_PIXELS;
     let lane = local % BLOCK_PIXELS;

@@ -2,13 +2,14 @@
 // shared by `rasterize_backward` and `contribute`.
 //
 // A workgroup is a bucket. It takes the tile's blocks one after the other, and of the bucket's
-// entries only those that have the block's bit, up to ROWS at a time. In phase 1 a thread is a pixel
-// of the block: it meets those splats front to back, and stores two numbers for each in workgroup
-// memory. In phase 2 a thread is a splat and a part of the block's pixels: it adds up what phase 1
-// stored for them, pixel by pixel. Then each entry's own thread adds up the parts.
+// entries only those that have the block's bit, up to ROWS at a time. In phase 1 a thread is a
+// pixel of the block: it meets those splats front to back, and stores two numbers for each in
+// workgroup memory. In phase 2 a thread is a splat and a part of the block's pixels: it adds up
+// what phase 1 stored for them, pixel by pixel. Then each entry's own thread adds up the parts.
 //
-// The order of a sum depends only on the entries and their bits: pixels of a part, parts of a block,
-// blocks. No two threads add to the same number, and no operation depends on the size of a subgroup.
+// The order of a sum depends only on the entries and their bits: pixels of a part, parts of a
+// block, blocks. No two threads add to the same number, and no operation depends on the size of a
+// subgroup.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> footprints: array<Footprint>;

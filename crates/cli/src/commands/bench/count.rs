@@ -9,8 +9,8 @@ use crate::output::console::Console;
 #[cfg(feature = "gpu")]
 pub(super) fn run(args: &BenchArgs, console: &Console) -> Result<()> {
     use anyhow::{Context, bail};
-    use luxel::Device;
     use luxel::bench::Protocol;
+    use luxel::{Device, schema};
     use luxel_gpu::{DeviceChoice, Gpu, GpuEngine};
     use luxel_train::NamedChoice;
     use serde_json::{Map, Value, json};
@@ -40,7 +40,7 @@ pub(super) fn run(args: &BenchArgs, console: &Console) -> Result<()> {
         "work": counts,
     });
     let text = if args.json {
-        serde_json::to_string_pretty(&document)?
+        serde_json::to_string(&schema::BENCH_COUNT.versioned(&document))?
     } else {
         let rows = work.list().into_iter().map(|(name, count)| format!("{:<16}{count:>14}", name.replace('_', " ")));
         rows.collect::<Vec<_>>().join("\n")
