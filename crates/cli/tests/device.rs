@@ -12,11 +12,24 @@ use libtest_mimic::{Arguments, Failed, Trial};
 /// A test, given what `--device` is to say.
 type Body = fn(&str);
 
-const ALL: [(&str, Body); 3] = [
+const ALL: [(&str, Body); 4] = [
     ("a_run_moves_between_cpu_and_gpu", a_run_moves_between_cpu_and_gpu),
     ("engines_relocate_as_many_splats_at_the_bound", engines_relocate_as_many_splats_at_the_bound),
+    ("bench_counts_the_work_of_a_step", bench_counts_the_work_of_a_step),
     ("software_renderers_are_taken_by_name_only", software_renderers_are_taken_by_name_only),
 ];
+
+fn bench_counts_the_work_of_a_step(gpu: &str) {
+    let place = Workplace::empty();
+    let count = ["bench", "--generate", "400", "--size", "32x24", "--device", gpu, "--count"];
+    let found: serde_json::Value = serde_json::from_str(&place.ok(&[&count[..], &["--json"]].concat())).unwrap();
+    assert_eq!(found["schema_version"], luxel::schema::BENCH_COUNT.version, "{found}");
+    let at = |name: &str| found["work"][name].as_u64().unwrap();
+    assert!(at("entries") > 100 && at("alive_pairs") > at("block_pairs") && at("submissions") == 1, "{found}");
+    assert!(place.ok(&count).contains("alive pairs"));
+    let error = place.fails(1, &["bench", "--generate", "400", "--device", "cpu", "--count"]);
+    assert!(error.contains("use --device gpu"), "{error}");
+}
 
 /// Steps that `run` has after each of its parts.
 const PARTS: [&str; 3] = ["20", "30", "40"];

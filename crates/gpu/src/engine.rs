@@ -36,9 +36,7 @@ mod lights;
 mod retire;
 mod surplus;
 mod vignetting;
-mod work;
-
-pub use work::Work;
+pub(crate) mod work;
 
 /// The engine on a GPU. Equal inputs give equal bits on one adapter.
 pub struct GpuEngine {

@@ -39,7 +39,8 @@ mod targets;
 
 pub use adapter::{AdapterFacts, AdapterKind, DeviceChoice, adapters};
 pub use device::Gpu;
-pub use engine::{GpuEngine, Traffic, Work};
+pub use engine::work::Work;
+pub use engine::{GpuEngine, Traffic};
 pub use inspect::ForwardPasses;
 pub use layout::Footprint;
 
