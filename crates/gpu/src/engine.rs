@@ -20,6 +20,7 @@ use crate::commands::{Commands, Timer};
 use crate::device::{Buffer, Gpu, render_less, use_cpu};
 use crate::forward::PixelKind;
 use crate::frame::{Sizes, StepBuffers, expected_entries, most_entries};
+use crate::image_copy::{ImageCopy, image_bytes};
 use crate::layout::{HALT_NOT_FINITE, HALT_OVERFLOW, State};
 use crate::pending::{Pending, Report, Slots};
 use crate::scene::{GpuScene, shard_len};
@@ -51,6 +52,7 @@ pub struct GpuEngine {
     timer: Option<Timer>,
     pending: VecDeque<Pending>,
     slots: Slots,
+    image_copy: ImageCopy,
     latest: Option<StepReport>,
     /// Step whose loss was not finite.
     diverged: Option<u32>,
@@ -132,6 +134,7 @@ impl GpuEngine {
             timer: Timer::new(gpu)?,
             pending: VecDeque::new(),
             slots: Slots::default(),
+            image_copy: ImageCopy::default(),
             latest: None,
             diverged: None,
             traffic: Traffic::default(),
@@ -276,7 +279,7 @@ impl GpuEngine {
         if let Some((view, _)) = work.training() {
             self.with_room(|engine| engine.targets.get(&engine.gpu, view).map(|_| ()))?;
         }
-        let Self { gpu, scene, frame, commands, targets, timer, slots, camera_sums, .. } = self;
+        let Self { gpu, scene, frame, commands, targets, timer, slots, image_copy, camera_sums, .. } = self;
         let capacity = frame.sizes.entries.min(u32::MAX.into()) as u32;
         let uniform = camera_uniform(
             camera,
@@ -323,8 +326,16 @@ impl GpuEngine {
         let dispatches = commands.len();
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let segments = commands.encode(&mut encoder, timer.as_ref());
+        let copied = if purpose == Purpose::Image { image_bytes(camera.size_px) } else { 0 };
+        if copied > 0 {
+            image_copy.record(gpu, &mut encoder, &frame.pixels.image, copied)?;
+        }
         let report = slots.take(gpu)?.submit(gpu, encoder, &frame.state, timer.as_ref(), segments);
-        self.traffic = Traffic { dispatches, submissions: 1, bytes_read: report.bytes, image_bytes: self.targets.take_uploaded() };
+        if copied > 0 {
+            image_copy.map(copied);
+        }
+        let bytes_read = report.bytes + copied;
+        self.traffic = Traffic { dispatches, submissions: 1, bytes_read, image_bytes: self.targets.take_uploaded() };
         if self.targets.take_dropped() {
             self.commands.forget();
         }

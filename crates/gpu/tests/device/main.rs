@@ -29,6 +29,7 @@ mod gain;
 mod mix;
 mod parity;
 mod passes;
+mod read_back;
 mod vignetting;
 mod wide;
 
@@ -57,7 +58,9 @@ const THREAD_ORDER: &[&str] = &[
 
 /// Returns the tests that `LUXEL_GPU_TESTS` selects.
 fn selected() -> Vec<(&'static str, Body)> {
-    let all = [passes::ALL, parity::ALL, batch::ALL, mix::ALL, gain::ALL, camera::ALL, vignetting::ALL, wide::ALL, contract::ALL].concat();
+    let all =
+        [passes::ALL, parity::ALL, batch::ALL, mix::ALL, gain::ALL, camera::ALL, vignetting::ALL, wide::ALL, read_back::ALL, contract::ALL]
+            .concat();
     for name in THREAD_ORDER {
         assert!(all.iter().any(|(found, _)| found == name), "THREAD_ORDER: there is no test {name}");
     }
