@@ -279,6 +279,7 @@ impl GpuEngine {
         if let Some((view, _)) = work.training() {
             self.with_room(|engine| engine.targets.get(&engine.gpu, view).map(|_| ()))?;
         }
+        self.frame.set_tiles(&self.gpu, tiles(camera.size_px).into_iter().product());
         let Self { gpu, scene, frame, commands, targets, timer, slots, image_copy, camera_sums, .. } = self;
         let capacity = frame.sizes.entries.min(u32::MAX.into()) as u32;
         let uniform = camera_uniform(

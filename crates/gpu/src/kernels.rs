@@ -8,7 +8,7 @@
 
 use luxel_core::ColorModel;
 
-use crate::constants::{constants, model_constants};
+use crate::constants::{constants, model_constants, windows};
 use crate::layout::Update;
 
 /// The identity of a compute shader.
@@ -26,7 +26,6 @@ pub(crate) enum KernelId {
     Rasterize,
     LossSsim,
     LossGradient,
-    LossReport,
     /// The kernels of the loss for images with vignetting.
     LossSsimVignetted,
     LossGradientVignetted,
@@ -97,7 +96,6 @@ impl KernelId {
             Self::Rasterize | Self::RasterizeRays => "rasterize",
             Self::LossSsim | Self::LossSsimVignetted => "loss_ssim",
             Self::LossGradient | Self::LossGradientVignetted => "loss_gradient",
-            Self::LossReport => "loss_report",
             Self::VignettingSums => "vignetting_sums",
             Self::RasterizeBackward | Self::RasterizeBackwardRays => "rasterize_backward",
             Self::Gather => "gather",
@@ -121,7 +119,7 @@ impl KernelId {
             Self::BinEmitRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, file!("bin")],
             Self::Rasterize => &[COMMON, FOOTPRINT, ELLIPSE, file!("rasterize")],
             Self::RasterizeRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, file!("rasterize")],
-            Self::LossSsim | Self::LossGradient | Self::LossReport => LOSS,
+            Self::LossSsim | Self::LossGradient => LOSS,
             Self::LossSsimVignetted | Self::LossGradientVignetted | Self::VignettingSums => LOSS_VIGNETTED,
             Self::RasterizeBackward => &[COMMON, FOOTPRINT, ELLIPSE, file!("unwind"), file!("rasterize_backward")],
             Self::RasterizeBackwardRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, file!("unwind"), file!("rasterize_backward")],
@@ -160,6 +158,11 @@ pub(crate) fn source(kernel: KernelId) -> String {
             text += &model_constants(model, 0, update);
         }
         KernelId::CameraBackward(model) | KernelId::CameraBackwardRays(model) => text += &model_constants(model, 0, Update::OnlyCamera),
+        KernelId::LossSsim
+        | KernelId::LossGradient
+        | KernelId::LossSsimVignetted
+        | KernelId::LossGradientVignetted
+        | KernelId::VignettingSums => text += &windows(),
         _ => {}
     }
     for file in kernel.files() {
@@ -226,7 +229,6 @@ mod tests {
             KernelId::Rasterize,
             KernelId::LossSsim,
             KernelId::LossGradient,
-            KernelId::LossReport,
             KernelId::LossSsimVignetted,
             KernelId::LossGradientVignetted,
             KernelId::VignettingSums,

@@ -117,7 +117,7 @@ fn structures_lie_in_memory_as_the_shaders_expect() {
             padding_2
         ]
     );
-    check!(KernelId::SortCount, "Sort", SortUniform, [shift, count, flags, padding]);
+    check!(KernelId::SortCount, "Sort", SortUniform, [shift, count, flags, bits]);
     check!(
         KernelId::LossSsim,
         "Loss",
