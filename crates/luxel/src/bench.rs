@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use luxel_core::engine::{AdamBetas, CameraGradientChoice, Evaluations, LearningRates, StatsCollection, StepConfig};
-use luxel_core::{Engine, LossWeights, Pass, RenderOptions, StepReport, Target, ToneCurve, View};
+use luxel_core::{Engine, Image, LossWeights, Pass, RenderOptions, StepReport, Target, ToneCurve, View};
 
 use crate::Result;
 use crate::error::Context;
@@ -51,12 +51,13 @@ pub fn measure(engine: &mut dyn Engine, view: &View, protocol: &Protocol) -> Res
     let view = &View { target: Target { curve: ToneCurve::MuLaw { mu: protocol.mu }, ..Target::default() }, ..view.clone() };
     let evaluations = engine.evaluations(&view.camera, &protocol.render).context("cannot render")?;
     let mut first = None;
+    let mut image = Image::default();
     let mut forward_ms = Vec::new();
     let mut step_ms = Vec::new();
     let mut passes_ms: Vec<(Pass, Vec<f64>)> = Pass::ALL.map(|pass| (pass, Vec::new())).into();
     for round in 0..protocol.warmup.saturating_add(protocol.steps) {
         let start = Instant::now();
-        engine.render(&view.camera, &protocol.render).context("cannot render")?;
+        engine.render_into(&view.camera, &protocol.render, &mut image).context("cannot render")?;
         let forward = start.elapsed();
         let before = engine.timings().to_vec();
         let start = Instant::now();
@@ -90,7 +91,8 @@ fn in_a_row(engine: &mut dyn Engine, view: &View, protocol: &Protocol) -> Result
     Ok(milliseconds(start.elapsed()) / f64::from(protocol.steps.max(1)))
 }
 
-fn step(protocol: &Protocol, step: u32) -> StepConfig {
+/// Returns a step of a measurement.
+pub(crate) fn step(protocol: &Protocol, step: u32) -> StepConfig {
     StepConfig {
         step,
         render: protocol.render,
