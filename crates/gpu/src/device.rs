@@ -75,6 +75,16 @@ impl Gpu {
         Err(EngineError::device(format!("gpu: {wanted} can be used: {list}")).with_remedy(use_cpu()))
     }
 
+    /// Opens the same adapter as if it had no optional feature. For tests.
+    ///
+    /// # Errors
+    /// The errors of [`Self::open`].
+    pub fn reopen_plain(&self) -> Result<Arc<Self>, EngineError> {
+        let adapter = found().into_iter().find(|(facts, _)| *facts == self.facts);
+        let (facts, adapter) = adapter.ok_or_else(|| EngineError::device(format!("gpu: {}: is gone", self.facts.name)))?;
+        Self::open_adapter(AdapterFacts { timestamps: false, ..facts }, &adapter)
+    }
+
     fn open_adapter(facts: AdapterFacts, adapter: &wgpu::Adapter) -> Result<Arc<Self>, EngineError> {
         let timestamps = if facts.timestamps { wgpu::Features::TIMESTAMP_QUERY } else { wgpu::Features::empty() };
         let descriptor = wgpu::DeviceDescriptor {

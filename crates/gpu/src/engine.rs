@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use luxel_core::engine::{CameraGradientChoice, ParameterRows, StatsCollection, StepConfig};
-use luxel_core::{Camera, ColorModel, EngineError, Pass, PassTime, RenderOptions, Splats, StepReport, ToneCurve, View};
+use luxel_core::{Camera, ColorModel, EngineError, Pass, PassTime, RenderOptions, Splats, StepReport, View};
 
 use crate::adapter::usable_binding;
 use crate::commands::{Commands, Timer};
@@ -25,7 +25,8 @@ use crate::layout::{HALT_NOT_FINITE, HALT_OVERFLOW, State};
 use crate::pending::{Pending, Report, Slots};
 use crate::scene::{GpuScene, shard_len};
 use crate::screen::{
-    Purpose, SceneFacts, camera_uniform, check, lens_uniform, loss_uniform, optimizer_uniform, pixel_kind, supersampled, tiles,
+    Purpose, SceneFacts, camera_uniform, check, lens_uniform, loss_uniform, mu_law_parameter, optimizer_uniform, pixel_kind, supersampled,
+    tiles,
 };
 use crate::step::{GradientOutput, Recorder, VignettingKind};
 use crate::targets::Targets;
@@ -394,16 +395,5 @@ fn step_report(state: &State, step: u32) -> StepReport {
         by_knots: None,
         camera: None,
         by_vignetting: None,
-    }
-}
-
-/// Returns the parameter mu of the target's mu-law, the only curve of this engine.
-fn mu_law_parameter(view: &View) -> Result<f32, EngineError> {
-    match view.target.curve {
-        ToneCurve::MuLaw { mu } => Ok(mu),
-        ToneCurve::Response(_) => {
-            let message = "gpu: pass loss: this engine cannot learn a camera's response from captured LDR images";
-            Err(EngineError::invalid(message).with_remedy(use_cpu()))
-        }
     }
 }

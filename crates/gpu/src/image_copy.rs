@@ -1,10 +1,10 @@
 //! The image on its way from the device to the host.
 //!
-//! In: the device's image, behind the pass that makes it. Out: the pixels of a [`luxel_core::Image`].
-//! The copy is part of the submission that renders, so that the host waits once. It goes into a
-//! buffer that is kept, and from its mapping straight into the pixels of the caller's image: where
-//! that image has the size already, nothing is allocated. Degenerate: what a submission copied and
-//! nobody read is given up before the next.
+//! In: the device's image, behind the pass that makes it. Out: the pixels of an [`Image`]. The copy
+//! is part of the submission that renders, so that the host waits once. It goes into a buffer that
+//! is kept, and from its mapping straight into the pixels of the caller's image: where that image
+//! has the size already, nothing is allocated. Degenerate: what a submission copied and nobody read
+//! is given up before the next.
 
 use luxel_core::{EngineError, Image};
 
@@ -23,7 +23,7 @@ pub(crate) struct ImageCopy {
     buffer: Option<Buffer>,
     /// Whether the buffer is mapped, or about to be.
     is_mapped: bool,
-    /// The last image of several samples a pixel.
+    /// The last supersampled image.
     samples: Image,
 }
 

@@ -9,7 +9,17 @@
 use luxel_core::ColorModel;
 
 use crate::constants::{constants, model_constants, windows};
-use crate::layout::Update;
+
+/// Whether the update moves parameters, or only returns their gradients or that by the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Update {
+    /// Adam.
+    Parameters,
+    /// Gradients are stored in place of the first moments.
+    OnlyGradients,
+    /// Nothing is stored but the gradient by the camera.
+    OnlyCamera,
+}
 
 /// The identity of a compute shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

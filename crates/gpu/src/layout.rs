@@ -390,16 +390,5 @@ pub(crate) const GROUP_SUMS_BYTES: u64 = 4 * VIGNETTING_TERMS as u64;
 /// Rows of a shard's statistics: gradient, absolute gradient, views.
 pub(crate) const STATS_ROWS: usize = 3;
 
-/// Whether the update moves parameters, or only returns their gradients or that by the camera.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) enum Update {
-    /// Adam.
-    Parameters,
-    /// Gradients are stored in place of the first moments.
-    OnlyGradients,
-    /// Nothing is stored but the gradient by the camera.
-    OnlyCamera,
-}
-
 #[cfg(test)]
 mod tests;

@@ -14,10 +14,10 @@ use serde_json::{Map, Value, json};
 use super::{Dispatch, PixelKind, Resource, Workgroups, bin, project, rasterize, sort_by_depth, sort_by_tile};
 use crate::constants::{constants, model_constants};
 use crate::frame::{EXPECTED_TILES, FIRST_ENTRIES, TILE_DIGITS, depth_sorts, tile_sorts};
-use crate::kernels::{KernelId, source};
+use crate::kernels::{KernelId, Update, source};
 use crate::layout::{
     DIGIT_BITS, FLAG_COMPENSATION, FLAG_EDIT_GAIN, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING, HALT_NONE, HALT_OVERFLOW, MAX_GROUPS,
-    SortUniform, TILE_PX, Update,
+    SortUniform, TILE_PX,
 };
 
 const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../view/src/page/gpu/forward.js");

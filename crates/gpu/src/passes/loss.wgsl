@@ -14,8 +14,8 @@
 // no_vignetting.wgsl); each sample gets its share of the gradient.
 //
 // The functions that apply the window, `moments_of_row`, `moments_of_column`, `derivatives_of_row`
-// and `derivatives_of_column`, are written out tap by tap (constants.rs): a table that is indexed at
-// run time would be copied to a variable at each access.
+// and `derivatives_of_column`, are written out tap by tap (constants.rs): a table that is indexed
+// at run time would be copied to a variable at each access.
 
 struct Loss {
     mu: f32,

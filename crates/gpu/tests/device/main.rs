@@ -53,6 +53,7 @@ const THREAD_ORDER: &[&str] = &[
     "crowded_tiles_match_the_cpu",
     "splats_over_many_tiles_match_the_cpu",
     "equal_inputs_give_equal_bits",
+    "optional_features_do_not_show",
     "contributions_match_the_cpu",
 ];
 

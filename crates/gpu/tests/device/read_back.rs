@@ -39,7 +39,7 @@ fn a_render_is_one_submission(gpu: &Arc<Gpu>) {
     }
 }
 
-/// Tests images of the right size, of others, and of the size of several samples a pixel.
+/// Tests images of the right size, of others, and supersampled ones.
 fn a_render_into_an_image_is_the_render(gpu: &Arc<Gpu>) {
     let mut engine = engine(gpu);
     let mut image = Image::filled(3, 2, [f32::NAN; 3]);
@@ -62,7 +62,7 @@ fn touched_pages() -> Option<u64> {
 }
 
 /// A frame of new memory touches all pages of its image; a tenth of one frame's is far more than
-/// what drivers and the recording of commands need for five.
+/// what the driver needs for five.
 fn frames_after_the_third_touch_no_new_memory(gpu: &Arc<Gpu>) {
     let mut engine = engine(gpu);
     let camera = camera(1024, 768);
