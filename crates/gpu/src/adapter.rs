@@ -128,6 +128,12 @@ impl AdapterFacts {
         }
     }
 
+    /// Reports whether the adapter may be slower than the processor beside it: all but separate
+    /// cards, with memory of their own.
+    pub fn needs_trial(&self) -> bool {
+        self.kind != AdapterKind::Discrete
+    }
+
     /// Returns the reason why `choice` excludes the adapter, for display; `None` if it does not.
     pub fn reason_against(&self, choice: &DeviceChoice) -> Option<String> {
         if !self.missing_features.is_empty() {
@@ -209,6 +215,14 @@ mod tests {
         {
             assert_eq!(usable_binding(found), usable, "{found}");
         }
+    }
+
+    #[test]
+    fn separate_cards_alone_are_taken_unmeasured() {
+        for kind in [AdapterKind::Integrated, AdapterKind::Virtual, AdapterKind::Unknown, AdapterKind::Software] {
+            assert!(facts("gpu", kind).needs_trial(), "{kind}");
+        }
+        assert!(!facts("card", AdapterKind::Discrete).needs_trial());
     }
 
     #[test]

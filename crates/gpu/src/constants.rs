@@ -9,10 +9,11 @@ use luxel_core::engine::{ADAM_EPSILON, MIN_AREA_RATIO};
 use luxel_core::{Activation, ColorModel, Component, DEAD_CHROMA_FLOOR, MAX_EXP_ARGUMENT, SH_OFFSET, sh};
 use luxel_core::{SSIM_C1, SSIM_C2, SSIM_RADIUS, ssim_window};
 
+use crate::kernels::Update;
 use crate::layout::{
     BLOCK_PX, BLOCKS, BUCKET, CULLED_KEY, DENSIFY_CAP, DENSIFY_SMOOTHING, DIGITS, FLAG_ABSOLUTE, FLAG_COMPENSATION, FLAG_EDIT_GAIN,
     FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING, FLAG_TRAINING, GATHER_ALONE, HALT_NONE, HALT_NOT_FINITE, HALT_OVERFLOW, MARGIN_PX, MAX_GROUPS,
-    PLAN_KEEP_MOMENTS, PLAN_NEW_OPACITY, SORT_BLOCK, SORT_ENTRIES, SORT_IDENTITY, TILE_PX, Update,
+    PLAN_KEEP_MOMENTS, PLAN_NEW_OPACITY, SORT_BLOCK, SORT_COMPACT, SORT_ENTRIES, SORT_IDENTITY, SORT_VISIBLE, TILE_PX,
 };
 
 /// Returns the constants in front of every shader.
@@ -39,6 +40,8 @@ pub(crate) fn constants() -> String {
         ("FLAG_ABSOLUTE", FLAG_ABSOLUTE),
         ("SORT_ENTRIES", SORT_ENTRIES),
         ("SORT_IDENTITY", SORT_IDENTITY),
+        ("SORT_COMPACT", SORT_COMPACT),
+        ("SORT_VISIBLE", SORT_VISIBLE),
         ("HALT_NONE", HALT_NONE),
         ("HALT_OVERFLOW", HALT_OVERFLOW),
         ("HALT_NOT_FINITE", HALT_NOT_FINITE),
@@ -47,7 +50,6 @@ pub(crate) fn constants() -> String {
         ("DENSIFY_CAP", DENSIFY_CAP),
         ("DENSIFY_SMOOTHING", DENSIFY_SMOOTHING),
         ("SSIM_RADIUS", SSIM_RADIUS as u32),
-        ("SSIM_TAPS", 2 * SSIM_RADIUS as u32 + 1),
         ("ROW_POSITION", ParameterRows::POSITION as u32),
         ("ROW_ROTATION", ParameterRows::ROTATION as u32),
         ("ROW_LOG_SCALE", ParameterRows::LOG_SCALE as u32),
@@ -78,13 +80,33 @@ pub(crate) fn constants() -> String {
     for (name, value) in numbers {
         declare(&mut text, name, "f32", &number(value));
     }
-    let window = ssim_window().map(|weight| weight as f32);
-    let tables: [(&str, &[f32]); 5] =
-        [("SSIM_WINDOW", &window), ("SH_C2", &sh::C2), ("SH_C3", &sh::C3), ("SH_C4", &sh::C4), ("SH_C5", &sh::C5)];
+    let tables: [(&str, &[f32]); 4] = [("SH_C2", &sh::C2), ("SH_C3", &sh::C3), ("SH_C4", &sh::C4), ("SH_C5", &sh::C5)];
     for (name, values) in tables {
         let list: Vec<String> = values.iter().map(|v| number(*v)).collect();
         let kind = format!("array<f32, {}>", values.len());
         declare(&mut text, name, &kind, &format!("{kind}({})", list.join(", ")));
+    }
+    text
+}
+
+/// Returns the functions that apply the window of SSIM in loss.wgsl, tap by tap: sums over places
+/// in a row of the halo, or in a column of the rows' sums. Taps of one weight are added first, the
+/// small ones before the large.
+pub(crate) fn windows() -> String {
+    let weights = ssim_window().map(|weight| weight as f32);
+    let mut text = String::new();
+    for (name, kind, value, stride) in [
+        ("moments_of_row", "vec4f", "moments_at", 1),
+        ("moments_of_column", "vec4f", "row_at", TILE_PX as usize),
+        ("derivatives_of_row", "vec3f", "derivatives_at", 1),
+        ("derivatives_of_column", "vec3f", "row_derivatives_at", TILE_PX as usize),
+    ] {
+        let tap = |k: usize| format!("{value}(first + {}u)", k * stride);
+        let pairs = (0..SSIM_RADIUS).map(|k| format!("{} * ({} + {})", number(weights[k]), tap(k), tap(2 * SSIM_RADIUS - k)));
+        let middle = format!("{} * {}", number(weights[SSIM_RADIUS]), tap(SSIM_RADIUS));
+        let terms: Vec<String> = pairs.chain([middle]).collect();
+        // Writing to a string does not fail.
+        let _ = writeln!(text, "fn {name}(first: u32) -> {kind} {{\n    return {};\n}}\n", terms.join("\n        + "));
     }
     text
 }

@@ -75,6 +75,16 @@ impl Gpu {
         Err(EngineError::device(format!("gpu: {wanted} can be used: {list}")).with_remedy(use_cpu()))
     }
 
+    /// Opens the same adapter as if it had no optional feature. For tests.
+    ///
+    /// # Errors
+    /// The errors of [`Self::open`].
+    pub fn reopen_plain(&self) -> Result<Arc<Self>, EngineError> {
+        let adapter = found().into_iter().find(|(facts, _)| *facts == self.facts);
+        let (facts, adapter) = adapter.ok_or_else(|| EngineError::device(format!("gpu: {}: is gone", self.facts.name)))?;
+        Self::open_adapter(AdapterFacts { timestamps: false, ..facts }, &adapter)
+    }
+
     fn open_adapter(facts: AdapterFacts, adapter: &wgpu::Adapter) -> Result<Arc<Self>, EngineError> {
         let timestamps = if facts.timestamps { wgpu::Features::TIMESTAMP_QUERY } else { wgpu::Features::empty() };
         let descriptor = wgpu::DeviceDescriptor {
@@ -196,45 +206,48 @@ impl Gpu {
         self.check()
     }
 
-    /// Reads the first `bytes` of a buffer.
-    pub(crate) fn read(&self, buffer: &Buffer, bytes: u64) -> Result<Vec<u8>, EngineError> {
-        let mut out = self.read_parts(buffer, &[0], bytes.next_multiple_of(4).min(buffer.raw.size()))?;
-        out.truncate(bytes as usize);
-        Ok(out)
+    /// Reads the first `count` numbers or structures of a buffer.
+    pub(crate) fn read<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
+        &self,
+        buffer: &Buffer,
+        count: usize,
+    ) -> Result<Vec<T>, EngineError> {
+        self.read_parts(buffer, &[0], count)
     }
 
-    /// Downloads parts of `buffer`, of `bytes` bytes each, one behind the other. Offsets and
-    /// lengths are multiples of 4.
-    pub(crate) fn read_parts(&self, buffer: &Buffer, offsets: &[u64], bytes: u64) -> Result<Vec<u8>, EngineError> {
+    /// Downloads parts of `buffer`, of `count` numbers or structures each, one behind the other.
+    /// Offsets, in bytes, and sizes are multiples of 4.
+    pub(crate) fn read_parts<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
+        &self,
+        buffer: &Buffer,
+        offsets: &[u64],
+        count: usize,
+    ) -> Result<Vec<T>, EngineError> {
+        let bytes = (count * size_of::<T>()) as u64;
         if bytes == 0 || offsets.is_empty() {
             return Ok(Vec::new());
         }
-        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
-        let staging = self.buffer("read-back", bytes * offsets.len() as u64, usage)?;
+        let all = bytes * offsets.len() as u64;
+        let staging = self.buffer("read-back", all, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST)?;
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         for (n, offset) in (0..).zip(offsets) {
             encoder.copy_buffer_to_buffer(&buffer.raw, *offset, &staging.raw, n * bytes, bytes);
         }
         let submission = self.queue.submit([encoder.finish()]);
-        staging.raw.slice(..).map_async(wgpu::MapMode::Read, |_| {});
+        staging.raw.slice(..all).map_async(wgpu::MapMode::Read, |_| {});
         self.wait(submission)?;
-        let mut out = mapped(&staging.raw, self)?;
-        // The buffer may be longer than what was asked for.
-        out.truncate(bytes as usize * offsets.len());
-        Ok(out)
+        let view = mapping(&staging.raw, all, self)?;
+        Ok(bytemuck::try_cast_slice(&view).map_or_else(|_| bytemuck::pod_collect_to_vec(&view), <[T]>::to_vec))
     }
 }
 
-/// Returns the contents of a buffer that was mapped for reading, and unmaps it.
-pub(crate) fn mapped(buffer: &wgpu::Buffer, gpu: &Gpu) -> Result<Vec<u8>, EngineError> {
-    let view = buffer
-        .slice(..)
+/// Returns the first `bytes` of a buffer that was mapped for reading. It is unmapped by the caller,
+/// unless it is dropped.
+pub(crate) fn mapping(buffer: &wgpu::Buffer, bytes: u64, gpu: &Gpu) -> Result<wgpu::BufferView, EngineError> {
+    buffer
+        .slice(..bytes)
         .get_mapped_range()
-        .map_err(|error| EngineError::device(format!("gpu: {}: cannot read back: {error}", gpu.facts.name)).with_remedy(resume()))?;
-    let bytes = view.to_vec();
-    drop(view);
-    buffer.unmap();
-    Ok(bytes)
+        .map_err(|error| EngineError::device(format!("gpu: {}: cannot read back: {error}", gpu.facts.name)).with_remedy(resume()))
 }
 
 fn describe(error: &wgpu::Error) -> Fault {

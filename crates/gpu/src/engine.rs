@@ -13,18 +13,20 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use luxel_core::engine::{CameraGradientChoice, ParameterRows, StatsCollection, StepConfig};
-use luxel_core::{Camera, ColorModel, EngineError, Pass, PassTime, RenderOptions, Splats, StepReport, ToneCurve, View};
+use luxel_core::{Camera, ColorModel, EngineError, Pass, PassTime, RenderOptions, Splats, StepReport, View};
 
 use crate::adapter::usable_binding;
 use crate::commands::{Commands, Timer};
 use crate::device::{Buffer, Gpu, render_less, use_cpu};
 use crate::forward::PixelKind;
 use crate::frame::{Sizes, StepBuffers, expected_entries, most_entries};
+use crate::image_copy::{ImageCopy, image_bytes};
 use crate::layout::{HALT_NOT_FINITE, HALT_OVERFLOW, State};
 use crate::pending::{Pending, Report, Slots};
 use crate::scene::{GpuScene, shard_len};
 use crate::screen::{
-    Purpose, SceneFacts, camera_uniform, check, lens_uniform, loss_uniform, optimizer_uniform, pixel_kind, supersampled, tiles,
+    Purpose, SceneFacts, camera_uniform, check, lens_uniform, loss_uniform, mu_law_parameter, optimizer_uniform, pixel_kind, supersampled,
+    tiles,
 };
 use crate::step::{GradientOutput, Recorder, VignettingKind};
 use crate::targets::Targets;
@@ -52,6 +54,7 @@ pub struct GpuEngine {
     timer: Option<Timer>,
     pending: VecDeque<Pending>,
     slots: Slots,
+    image_copy: ImageCopy,
     latest: Option<StepReport>,
     /// Step whose loss was not finite.
     diverged: Option<u32>,
@@ -133,6 +136,7 @@ impl GpuEngine {
             timer: Timer::new(gpu)?,
             pending: VecDeque::new(),
             slots: Slots::default(),
+            image_copy: ImageCopy::default(),
             latest: None,
             diverged: None,
             traffic: Traffic::default(),
@@ -277,7 +281,8 @@ impl GpuEngine {
         if let Some((view, _)) = work.training() {
             self.with_room(|engine| engine.targets.get(&engine.gpu, view).map(|_| ()))?;
         }
-        let Self { gpu, scene, frame, commands, targets, timer, slots, camera_sums, .. } = self;
+        self.frame.set_tiles(&self.gpu, tiles(camera.size_px).into_iter().product());
+        let Self { gpu, scene, frame, commands, targets, timer, slots, image_copy, camera_sums, .. } = self;
         let capacity = frame.sizes.entries.min(u32::MAX.into()) as u32;
         let uniform = camera_uniform(
             camera,
@@ -324,8 +329,16 @@ impl GpuEngine {
         let dispatches = commands.len();
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let segments = commands.encode(&mut encoder, timer.as_ref());
+        let copied = if purpose == Purpose::Image { image_bytes(camera.size_px) } else { 0 };
+        if copied > 0 {
+            image_copy.record(gpu, &mut encoder, &frame.pixels.image, copied)?;
+        }
         let report = slots.take(gpu)?.submit(gpu, encoder, &frame.state, timer.as_ref(), segments);
-        self.traffic = Traffic { dispatches, submissions: 1, bytes_read: report.bytes, image_bytes: self.targets.take_uploaded() };
+        if copied > 0 {
+            image_copy.map(copied);
+        }
+        let bytes_read = report.bytes + copied;
+        self.traffic = Traffic { dispatches, submissions: 1, bytes_read, image_bytes: self.targets.take_uploaded() };
         if self.targets.take_dropped() {
             self.commands.forget();
         }
@@ -383,16 +396,5 @@ fn step_report(state: &State, step: u32) -> StepReport {
         by_knots: None,
         camera: None,
         by_vignetting: None,
-    }
-}
-
-/// Returns the parameter mu of the target's mu-law, the only curve of this engine.
-fn mu_law_parameter(view: &View) -> Result<f32, EngineError> {
-    match view.target.curve {
-        ToneCurve::MuLaw { mu } => Ok(mu),
-        ToneCurve::Response(_) => {
-            let message = "gpu: pass loss: this engine cannot learn a camera's response from captured LDR images";
-            Err(EngineError::invalid(message).with_remedy(use_cpu()))
-        }
     }
 }

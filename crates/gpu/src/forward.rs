@@ -252,7 +252,7 @@ pub(crate) fn bin(pixels: PixelKind) -> Vec<Dispatch> {
     let bin = |kernel, bindings, workgroups| Dispatch { pass: Pass::Bin, kernel, bindings, workgroups };
     let emitted = [at(5, Resource::Footprints), at(6, Resource::EntryTiles(0)), at(7, Resource::Entries)];
     vec![
-        bin(KernelId::BinSum, vec![camera, order, places, sums], blocks),
+        bin(KernelId::BinSum, vec![camera, state, order, places, sums], blocks),
         bin(KernelId::BinScan, vec![camera, state, sums, at(8, Resource::Dispatches)], Workgroups::Fixed(1)),
         pixels.dispatch(
             bin(KernelId::BinEmit, [camera, state, order, places, sums].into_iter().chain(emitted).collect(), blocks),

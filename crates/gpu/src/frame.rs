@@ -6,6 +6,7 @@
 //! number of entries: buffers have a capacity, and a step that needs more changes nothing and
 //! reports it (see `engine.rs`).
 
+use bytemuck::Zeroable;
 use luxel_core::EngineError;
 use wgpu::BufferUsages;
 
@@ -13,7 +14,7 @@ use crate::device::{Buffer, Gpu};
 use crate::forward::{Count, Extent, Resource};
 use crate::layout::{
     BUCKET, BUCKET_PIXELS_BYTES, CameraUniform, DEPTH_DIGITS, DIGIT_BITS, ENTRY_GRADIENT_BYTES, Entry, GROUP_SUMS_BYTES, LensUniform,
-    LossUniform, OptimizerUniform, SORT_ENTRIES, SORT_IDENTITY, SortUniform,
+    LossUniform, OptimizerUniform, SORT_COMPACT, SORT_ENTRIES, SORT_IDENTITY, SORT_VISIBLE, SortUniform,
 };
 use crate::scene::Shard;
 
@@ -66,6 +67,8 @@ pub(crate) struct StepBuffers {
     /// Uniforms, one for each digit.
     pub(crate) depth_sorts: Vec<Buffer>,
     pub(crate) tile_sorts: Vec<Buffer>,
+    /// Bits of the tiles' numbers that these uniforms are of.
+    tile_bits: u32,
     pub(crate) digit_totals: Buffer,
     pub(crate) splats: SplatBuffers,
     pub(crate) entries: EntryBuffers,
@@ -174,9 +177,8 @@ impl StepBuffers {
     pub(crate) fn new(gpu: &Gpu) -> Result<Self, EngineError> {
         let sizes = Sizes::default();
         let uniform = |label, bytes| gpu.buffer(label, bytes as u64, BufferUsages::UNIFORM | BufferUsages::COPY_DST);
-        let sorts = |digits: u32, flags: u32| -> Result<Vec<Buffer>, EngineError> {
-            (0..digits).map(|digit| gpu.uniform("digit", &sort_uniform(digit, flags))).collect()
-        };
+        let uniforms =
+            |sorts: &[SortUniform]| -> Result<Vec<Buffer>, EngineError> { sorts.iter().map(|sort| gpu.uniform("digit", sort)).collect() };
         Ok(Self {
             sizes,
             camera: uniform("camera", size_of::<CameraUniform>())?,
@@ -185,8 +187,9 @@ impl StepBuffers {
             optimizer: uniform("optimizer", size_of::<OptimizerUniform>())?,
             state: gpu.storage("state", sizes.bytes(Resource::State))?,
             dispatches: gpu.buffer("dispatches", sizes.bytes(Resource::Dispatches), BufferUsages::STORAGE | BufferUsages::INDIRECT)?,
-            depth_sorts: sorts(DEPTH_DIGITS, 0)?,
-            tile_sorts: sorts(TILE_DIGITS, SORT_ENTRIES)?,
+            depth_sorts: uniforms(&depth_sorts())?,
+            tile_sorts: uniforms(&vec![Zeroable::zeroed(); TILE_DIGITS as usize])?,
+            tile_bits: 0,
             digit_totals: gpu.storage("digit totals", sizes.bytes(Resource::DigitTotals))?,
             splats: SplatBuffers::new(gpu, sizes)?,
             entries: EntryBuffers::new(gpu, sizes)?,
@@ -266,6 +269,17 @@ impl StepBuffers {
         })
     }
 
+    /// Sets the digits of the sort by tile for so many tiles.
+    pub(crate) fn set_tiles(&mut self, gpu: &Gpu, tiles: u32) {
+        let bits = tile_bits(tiles);
+        if std::mem::replace(&mut self.tile_bits, bits) == bits {
+            return;
+        }
+        for (buffer, sort) in self.tile_sorts.iter().zip(tile_sorts(bits)) {
+            gpu.queue.write_buffer(&buffer.raw, 0, bytemuck::bytes_of(&sort));
+        }
+    }
+
     /// Sets the number of splats for the sort by depth.
     pub(crate) fn set_count(&self, gpu: &Gpu, count: u32) {
         for sort in &self.depth_sorts {
@@ -274,14 +288,29 @@ impl StepBuffers {
     }
 }
 
-/// Returns the uniform of a digit of a sort; the number of pairs is set later.
-pub(crate) fn sort_uniform(digit: u32, flags: u32) -> SortUniform {
-    SortUniform { shift: digit * DIGIT_BITS, count: 0, flags: flags | if digit == 0 { SORT_IDENTITY } else { 0 }, padding: 0 }
+/// Returns the uniforms of the sort by depth; the number of splats is set later.
+pub(crate) fn depth_sorts() -> Vec<SortUniform> {
+    let flags = |digit| if digit == 0 { SORT_IDENTITY | SORT_COMPACT } else { SORT_VISIBLE };
+    (0..DEPTH_DIGITS).map(|digit| SortUniform { shift: digit * DIGIT_BITS, count: 0, flags: flags(digit), bits: DIGIT_BITS }).collect()
+}
+
+/// Returns the uniforms of the sort by tile, one for each digit, where the numbers of tiles have so
+/// many bits: as few digits as hold them, all of one length.
+pub(crate) fn tile_sorts(tile_bits: u32) -> Vec<SortUniform> {
+    let digits = tile_bits.div_ceil(DIGIT_BITS).max(1);
+    let bits = tile_bits.div_ceil(digits).max(1);
+    let flags = |digit| SORT_ENTRIES | if digit == 0 { SORT_IDENTITY } else { 0 };
+    (0..digits).map(|digit| SortUniform { shift: digit * bits, count: 0, flags: flags(digit), bits }).collect()
+}
+
+/// Returns the number of bits of the numbers of tiles, and one beyond.
+pub(crate) fn tile_bits(tiles: u32) -> u32 {
+    32 - tiles.leading_zeros()
 }
 
 /// Returns the number of digits for the numbers of tiles, and one beyond.
 pub(crate) fn tile_digits(tiles: u32) -> usize {
-    (32 - tiles.leading_zeros()).div_ceil(DIGIT_BITS).max(1) as usize
+    tile_sorts(tile_bits(tiles)).len()
 }
 
 #[cfg(test)]
@@ -293,7 +322,13 @@ mod tests {
     fn digits_hold_the_number_beyond_the_last_tile() {
         for (tiles, digits) in [(1, 1), (49, 1), (511, 1), (512, 2), (2500, 2), ((1 << 18) - 1, 2), (1 << 18, 3), ((1 << 27) - 1, 3)] {
             assert_eq!(tile_digits(tiles), digits, "{tiles} tiles");
+            let sorts = tile_sorts(tile_bits(tiles));
+            let [shift, bits] = sorts.last().map(|last| [last.shift, last.bits]).unwrap();
+            assert!(sorts.iter().zip(0..).all(|(sort, n)| sort.shift == n * bits && sort.bits <= DIGIT_BITS), "{tiles} tiles");
+            assert!(u64::from(tiles) < 1 << (shift + bits), "{tiles} tiles");
         }
+        // 1600x1200 pixels: two digits of seven bits, not of nine.
+        assert_eq!(tile_sorts(tile_bits(7500)).iter().map(|sort| sort.bits).collect::<Vec<_>>(), [7, 7]);
     }
 
     #[test]

@@ -14,7 +14,7 @@ use crate::screen::tiles;
 pub struct ForwardPasses {
     /// `project` and `color`, by splat: `None` if the splat touches no tile.
     pub footprints: Vec<Option<Footprint>>,
-    /// `sort` by depth: splats front to back, culled ones last.
+    /// `sort` by depth: visible splats front to back.
     pub depth_order: Vec<u32>,
     /// `bin` and `sort` by tile: each tile's splats, front to back. Rows of tiles one after the
     /// other.
@@ -40,18 +40,17 @@ impl GpuEngine {
     /// The errors of [`Engine::render`].
     pub fn forward_passes(&mut self, camera: &Camera, options: &RenderOptions) -> Result<ForwardPasses, EngineError> {
         self.render(camera, options)?;
-        let (gpu, frame, count) = (self.gpu(), self.frame(), self.len() as u64);
+        let (gpu, frame, count) = (self.gpu(), self.frame(), self.len());
         let tiles = tiles(camera.size_px);
         let tile_count = tiles[0] * tiles[1];
-        let numbers = |buffer, len: u64| -> Result<Vec<u32>, EngineError> { Ok(bytemuck::pod_collect_to_vec(&gpu.read(buffer, 4 * len)?)) };
-        let footprints: Vec<Footprint> =
-            bytemuck::pod_collect_to_vec(&gpu.read(&frame.splats.footprints, size_of::<Footprint>() as u64 * count)?);
+        let numbers = |buffer, len: usize| gpu.read::<u32>(buffer, len);
+        let footprints: Vec<Footprint> = gpu.read(&frame.splats.footprints, count)?;
         let places = numbers(&frame.splats.places, 2 * count)?;
-        let state: State = bytemuck::pod_read_unaligned(&gpu.read(&frame.state, size_of::<State>() as u64)?);
-        let entries = u64::from(state.entries);
-        let emitted: Vec<Entry> = bytemuck::pod_collect_to_vec(&gpu.read(&frame.entries.emitted, size_of::<Entry>() as u64 * entries)?);
+        let state = gpu.read::<State>(&frame.state, 1)?.first().copied().unwrap_or_default();
+        let entries = state.entries as usize;
+        let emitted: Vec<Entry> = gpu.read(&frame.entries.emitted, entries)?;
         let order = numbers(&frame.entries.order[tile_digits(tile_count) % 2], entries)?;
-        let ranges = numbers(&frame.pixels.ranges, 2 * u64::from(tile_count))?;
+        let ranges = numbers(&frame.pixels.ranges, 2 * tile_count as usize)?;
         let pair = |entry: &u32| emitted.get(*entry as usize).map(|Entry { splat, blocks }| (*splat, *blocks));
         let list = |range: &[u32]| -> Vec<(u32, u32)> {
             order.get(range[0] as usize..range[1] as usize).unwrap_or_default().iter().filter_map(pair).collect()
@@ -60,7 +59,7 @@ impl GpuEngine {
         let column = |pick: fn(&(u32, u32)) -> u32| lists.iter().map(|list| list.iter().map(pick).collect()).collect();
         Ok(ForwardPasses {
             footprints: footprints.into_iter().zip(places.chunks(2)).map(|(f, place)| (place[1] > 0).then_some(f)).collect(),
-            depth_order: numbers(&frame.splats.order[DEPTH_DIGITS as usize % 2], count)?,
+            depth_order: numbers(&frame.splats.order[DEPTH_DIGITS as usize % 2], state.visible as usize)?,
             tile_splats: column(|pair| pair.0),
             tile_blocks: column(|pair| pair.1),
             tiles,

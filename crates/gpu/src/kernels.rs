@@ -8,8 +8,18 @@
 
 use luxel_core::ColorModel;
 
-use crate::constants::{constants, model_constants};
-use crate::layout::Update;
+use crate::constants::{constants, model_constants, windows};
+
+/// Whether the update moves parameters, or only returns their gradients or that by the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Update {
+    /// Adam.
+    Parameters,
+    /// Gradients are stored in place of the first moments.
+    OnlyGradients,
+    /// Nothing is stored but the gradient by the camera.
+    OnlyCamera,
+}
 
 /// The identity of a compute shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -26,7 +36,6 @@ pub(crate) enum KernelId {
     Rasterize,
     LossSsim,
     LossGradient,
-    LossReport,
     /// The kernels of the loss for images with vignetting.
     LossSsimVignetted,
     LossGradientVignetted,
@@ -108,7 +117,6 @@ impl KernelId {
             Self::Rasterize | Self::RasterizeRays | Self::RasterizeCounted | Self::RasterizeCountedRays => "rasterize",
             Self::LossSsim | Self::LossSsimVignetted => "loss_ssim",
             Self::LossGradient | Self::LossGradientVignetted => "loss_gradient",
-            Self::LossReport => "loss_report",
             Self::VignettingSums => "vignetting_sums",
             Self::RasterizeBackward | Self::RasterizeBackwardRays | Self::RasterizeBackwardCounted | Self::RasterizeBackwardCountedRays => {
                 "rasterize_backward"
@@ -136,7 +144,7 @@ impl KernelId {
             Self::RasterizeRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, NO_COUNTS, RASTERIZE],
             Self::RasterizeCounted => &[COMMON, FOOTPRINT, ELLIPSE, COUNTS, RASTERIZE],
             Self::RasterizeCountedRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, COUNTS, RASTERIZE],
-            Self::LossSsim | Self::LossGradient | Self::LossReport => LOSS,
+            Self::LossSsim | Self::LossGradient => LOSS,
             Self::LossSsimVignetted | Self::LossGradientVignetted | Self::VignettingSums => LOSS_VIGNETTED,
             Self::RasterizeBackward => &[COMMON, FOOTPRINT, ELLIPSE, NO_COUNTS, UNWIND, RASTERIZE_BACKWARD],
             Self::RasterizeBackwardRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, NO_COUNTS, UNWIND, RASTERIZE_BACKWARD],
@@ -177,6 +185,11 @@ pub(crate) fn source(kernel: KernelId) -> String {
             text += &model_constants(model, 0, update);
         }
         KernelId::CameraBackward(model) | KernelId::CameraBackwardRays(model) => text += &model_constants(model, 0, Update::OnlyCamera),
+        KernelId::LossSsim
+        | KernelId::LossGradient
+        | KernelId::LossSsimVignetted
+        | KernelId::LossGradientVignetted
+        | KernelId::VignettingSums => text += &windows(),
         _ => {}
     }
     for file in kernel.files() {
@@ -243,7 +256,6 @@ mod tests {
             KernelId::Rasterize,
             KernelId::LossSsim,
             KernelId::LossGradient,
-            KernelId::LossReport,
             KernelId::LossSsimVignetted,
             KernelId::LossGradientVignetted,
             KernelId::VignettingSums,

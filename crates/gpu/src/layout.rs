@@ -19,13 +19,14 @@ pub(crate) const BLOCKS: u32 = TILE_PX * TILE_PX / (BLOCK_PX[0] * BLOCK_PX[1]);
 pub(crate) const BUCKET: u32 = BLOCK_PX[0] * BLOCK_PX[1];
 /// Pairs that a workgroup of the sort counts and scatters.
 pub(crate) const SORT_BLOCK: u32 = 1024;
-/// Bits of a digit of the sort: three digits hold a depth, one or two a tile.
+/// Greatest number of bits of a digit of the sort: three such digits hold a depth. The digits of a
+/// tile are as many, and as short, as the number of tiles allows.
 pub(crate) const DIGIT_BITS: u32 = 9;
-/// Number of values of a digit.
+/// Greatest number of values of a digit.
 pub(crate) const DIGITS: u32 = 1 << DIGIT_BITS;
 /// Digits in the key of a depth.
 pub(crate) const DEPTH_DIGITS: u32 = 3;
-/// Key of a splat that is not visible: behind all others.
+/// Key of a splat that is not visible: the sort leaves it out.
 pub(crate) const CULLED_KEY: u32 = (1 << (DIGIT_BITS * DEPTH_DIGITS)) - 1;
 /// Greatest number of entries of a splat that one thread sums.
 pub(crate) const GATHER_ALONE: u32 = 32;
@@ -46,6 +47,11 @@ pub(crate) const FLAG_EDIT_GAIN: u32 = 32;
 pub(crate) const SORT_ENTRIES: u32 = 1;
 /// [`SortUniform::flags`]: the values are the pairs' places.
 pub(crate) const SORT_IDENTITY: u32 = 2;
+/// [`SortUniform::flags`]: pairs with [`CULLED_KEY`] are left out; the number of the others becomes
+/// [`State::visible`].
+pub(crate) const SORT_COMPACT: u32 = 4;
+/// [`SortUniform::flags`]: the number of pairs is [`State::visible`].
+pub(crate) const SORT_VISIBLE: u32 = 8;
 
 /// [`State::halted`].
 pub(crate) const HALT_NONE: u32 = 0;
@@ -191,12 +197,12 @@ pub(crate) struct State {
 pub(crate) struct SortUniform {
     /// First bit of the digit.
     pub(crate) shift: u32,
-    /// Number of pairs, unless [`SORT_ENTRIES`] is set.
+    /// Number of pairs, unless [`SORT_ENTRIES`] or [`SORT_VISIBLE`] is set.
     pub(crate) count: u32,
     /// Sum of `SORT_` constants.
     pub(crate) flags: u32,
-    /// Unused.
-    pub(crate) padding: u32,
+    /// Bits of the digit.
+    pub(crate) bits: u32,
 }
 
 /// The loss of a step. Twin: `Loss` in loss.wgsl.
@@ -398,17 +404,6 @@ pub(crate) const CAMERA_SUMS_BYTES: u64 = 32;
 pub(crate) const GROUP_SUMS_BYTES: u64 = 4 * VIGNETTING_TERMS as u64;
 /// Rows of a shard's statistics: gradient, absolute gradient, views.
 pub(crate) const STATS_ROWS: usize = 3;
-
-/// Whether the update moves parameters, or only returns their gradients or that by the camera.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) enum Update {
-    /// Adam.
-    Parameters,
-    /// Gradients are stored in place of the first moments.
-    OnlyGradients,
-    /// Nothing is stored but the gradient by the camera.
-    OnlyCamera,
-}
 
 #[cfg(test)]
 mod tests;

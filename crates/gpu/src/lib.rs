@@ -28,6 +28,7 @@ mod device;
 mod engine;
 mod forward;
 mod frame;
+mod image_copy;
 mod inspect;
 mod kernels;
 mod layout;

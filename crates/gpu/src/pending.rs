@@ -10,7 +10,7 @@ use luxel_core::engine::StepConfig;
 use luxel_core::{EngineError, Pass, View};
 
 use crate::commands::Timer;
-use crate::device::{Buffer, Gpu, mapped};
+use crate::device::{Buffer, Gpu, mapping};
 use crate::layout::State;
 
 /// Greatest number of steps in progress. Two would be enough to keep the device busy.
@@ -99,10 +99,14 @@ impl Report {
         if !self.is_done() {
             gpu.wait(self.submission)?;
         }
-        let bytes = mapped(&self.slot.buffer.raw, gpu)?;
-        slots.give_back(self.slot);
-        let (state, timestamps) = bytes.split_at(STATE_BYTES as usize);
+        let buffer = &self.slot.buffer.raw;
+        let view = mapping(buffer, buffer.size(), gpu)?;
+        let (state, timestamps) = view.split_at(STATE_BYTES as usize);
+        let state = bytemuck::pod_read_unaligned(state);
         let timestamps = timestamps[..timestamps.len().min(16 * self.segments.len())].to_vec();
-        Ok((bytemuck::pod_read_unaligned(state), self.segments, timestamps))
+        drop(view);
+        buffer.unmap();
+        slots.give_back(self.slot);
+        Ok((state, self.segments, timestamps))
     }
 }

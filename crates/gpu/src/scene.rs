@@ -115,8 +115,7 @@ impl GpuScene {
     pub(crate) fn download<'a>(&'a self, gpu: &Gpu, pick: impl Fn(usize, &'a Shard) -> &'a Buffer) -> Result<Splats, EngineError> {
         let mut splats = Moments::zeros(self.rows.color_model, self.count).first;
         for (n, shard) in self.shards.iter().enumerate() {
-            let bytes = 4 * (shard.stride * self.rows.count()) as u64;
-            shard.store_rows(self.rows, &floats(&gpu.read(pick(n, shard), bytes)?), &mut splats);
+            shard.store_rows(self.rows, &gpu.read(pick(n, shard), shard.stride * self.rows.count())?, &mut splats);
         }
         Ok(splats)
     }
@@ -139,7 +138,7 @@ impl GpuScene {
             }
             let offset = |row: usize| 4 * (row * shard.stride + own.start - shard.base) as u64;
             let offsets: Vec<u64> = rows.clone().map(offset).collect();
-            let found = floats(&gpu.read_parts(pick(shard), &offsets, 4 * own.len() as u64)?);
+            let found: Vec<f32> = gpu.read_parts(pick(shard), &offsets, own.len())?;
             for (row, found) in found.chunks_exact(own.len()).enumerate() {
                 let to = values[(own.start - first) * width..].iter_mut().skip(row).step_by(width);
                 to.zip(found).for_each(|(to, value)| *to = *value);
@@ -157,8 +156,8 @@ impl GpuScene {
     pub(crate) fn smoothing(&self, gpu: &Gpu) -> Result<Vec<f32>, EngineError> {
         let mut smoothing = Vec::new();
         for shard in self.shards.iter().filter(|_| self.has_smoothing) {
-            let values = floats(&gpu.read(&shard.parameters, shard.parameters.raw.size())?);
-            smoothing.extend_from_slice(&values[self.rows.count() * shard.stride..][..shard.len]);
+            let offset = 4 * (self.rows.count() * shard.stride) as u64;
+            smoothing.extend(gpu.read_parts::<f32>(&shard.parameters, &[offset], shard.len)?);
         }
         Ok(smoothing)
     }
@@ -167,7 +166,7 @@ impl GpuScene {
     pub(crate) fn geometry(&self, gpu: &Gpu) -> Result<Geometry, EngineError> {
         let mut geometry = Geometry::default();
         for shard in &self.shards {
-            let values = floats(&gpu.read(&shard.parameters, 4 * (shard.stride * ParameterRows::SH) as u64)?);
+            let values: Vec<f32> = gpu.read(&shard.parameters, shard.stride * ParameterRows::SH)?;
             let at = |row: usize, i: usize| values[row * shard.stride + i];
             for i in 0..shard.len {
                 geometry.position.push([0, 1, 2].map(|c| at(ParameterRows::POSITION + c, i)));
@@ -181,7 +180,7 @@ impl GpuScene {
     pub(crate) fn stats(&self, gpu: &Gpu) -> Result<DensifyStats, EngineError> {
         let mut stats = DensifyStats::default();
         for shard in &self.shards {
-            let values = floats(&gpu.read(&shard.stats, 4 * (STATS_ROWS * shard.stride) as u64)?);
+            let values: Vec<f32> = gpu.read(&shard.stats, STATS_ROWS * shard.stride)?;
             let row = |n: usize| &values[n * shard.stride..][..shard.len];
             stats.gradient.extend_from_slice(row(0));
             stats.abs_gradient.extend_from_slice(row(1));
@@ -248,9 +247,4 @@ impl Shard {
             }
         }
     }
-}
-
-/// Converts bytes of any alignment to numbers.
-pub(crate) fn floats(bytes: &[u8]) -> Vec<f32> {
-    bytemuck::pod_collect_to_vec(bytes)
 }

@@ -6,10 +6,11 @@
 use bytemuck::Zeroable;
 use luxel_core::engine::{Dropout, JACOBIAN_MARGIN, PixelAngle, StatsCollection, StepConfig};
 use luxel_core::{
-    Antialias, Camera, CameraProjection, EngineError, LossWeights, MAX_SAMPLES, RenderOptions, SQUARED_KNEE, VIGNETTING_TERMS, View,
-    Vignetting,
+    Antialias, Camera, CameraProjection, EngineError, LossWeights, MAX_SAMPLES, RenderOptions, SQUARED_KNEE, ToneCurve, VIGNETTING_TERMS,
+    View, Vignetting,
 };
 
+use crate::device::use_cpu;
 use crate::forward::PixelKind;
 use crate::layout::{
     CameraUniform, FLAG_ABSOLUTE, FLAG_COMPENSATION, FLAG_EDIT_GAIN, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING, FLAG_TRAINING, LensUniform,
@@ -149,6 +150,17 @@ pub(crate) fn lens_uniform(camera: &Camera) -> LensUniform {
         stretch: (1..=STEPS).map(growth).fold(1.0, f64::max) as f32,
         is_panorama: 0,
         ..panorama
+    }
+}
+
+/// Returns the parameter mu of the target's mu-law, the only curve of this engine.
+pub(crate) fn mu_law_parameter(view: &View) -> Result<f32, EngineError> {
+    match view.target.curve {
+        ToneCurve::MuLaw { mu } => Ok(mu),
+        ToneCurve::Response(_) => {
+            let message = "gpu: pass loss: this engine cannot learn a camera's response from captured LDR images";
+            Err(EngineError::invalid(message).with_remedy(use_cpu()))
+        }
     }
 }
 

@@ -8,8 +8,8 @@ use crate::commands::{Binding, Commands, Groups, bind};
 use crate::device::{Buffer, Gpu};
 use crate::forward::{self, Bound, Count, Dispatch, LENS_SLOT, PixelKind, SPLATS, Workgroups};
 use crate::frame::{StepBuffers, tile_digits};
-use crate::kernels::KernelId;
-use crate::layout::{Dispatches, Update};
+use crate::kernels::{KernelId, Update};
+use crate::layout::Dispatches;
 use crate::scene::{GpuScene, Shard};
 use crate::screen::tiles;
 use crate::targets::Target;
@@ -183,18 +183,18 @@ impl Recorder<'_> {
             VignettingKind::Learned => [KernelId::LossSsimVignetted, KernelId::LossGradientVignetted],
         };
         let frame = self.frame;
-        let grid = Groups::Grid(tiles(self.size_px.map(|side| side / self.samples)));
+        let [across, down] = tiles(self.size_px.map(|side| side / self.samples));
+        let grid = Groups::Grid([across, down]);
         // Without a mask the binding is not read.
         let mask = target.weights.as_deref().unwrap_or(&target.pixels);
         let inputs = [bind(0, &frame.camera), bind(1, &frame.loss), bind(2, &frame.pixels.image), bind(3, &target.pixels), bind(4, mask)];
         let derivatives = bind(5, &frame.pixels.derivatives);
         let ssim: Vec<_> = inputs.into_iter().chain([derivatives, bind(6, &frame.pixels.group_sums)]).collect();
         self.add(Pass::Loss, loss_ssim, &ssim, grid);
-        let report = [bind(0, &frame.camera), bind(1, &frame.loss), bind(6, &frame.pixels.group_sums), bind(9, &frame.state)];
-        self.add(Pass::Loss, KernelId::LossReport, &report, Groups::Line(1));
-        let outputs = [derivatives, bind(7, &frame.pixels.last_entries), bind(8, &frame.pixels.gradients)];
-        let gradient: Vec<_> = inputs.into_iter().chain(outputs).collect();
-        self.add(Pass::Loss, loss_gradient, &gradient, grid);
+        let outputs = [bind(7, &frame.pixels.last_entries), bind(8, &frame.pixels.gradients), bind(9, &frame.state)];
+        let gradient: Vec<_> = ssim.into_iter().chain(outputs).collect();
+        // One row of workgroups more, of which the first makes the report.
+        self.add(Pass::Loss, loss_gradient, &gradient, Groups::Grid([across, down + 1]));
         if vignetting == VignettingKind::Learned {
             // In the place of the sums that the report has read.
             let sums = [

@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use luxel_core::engine::{AdamBetas, CameraGradientChoice, Evaluations, LearningRates, StatsCollection, StepConfig};
-use luxel_core::{Engine, LossWeights, Pass, RenderOptions, StepReport, Target, ToneCurve, View};
+use luxel_core::{Engine, Image, LossWeights, Pass, RenderOptions, StepReport, Target, ToneCurve, View};
 
 use crate::Result;
 use crate::error::Context;
@@ -82,12 +82,13 @@ pub fn measure(engine: &mut dyn Engine, view: &View, protocol: &Protocol) -> Res
     let view = &protocol.view(view);
     let evaluations = engine.evaluations(&view.camera, &protocol.render).context("cannot render")?;
     let mut first = None;
+    let mut image = Image::default();
     let mut forward_ms = Vec::new();
     let mut step_ms = Vec::new();
     let mut passes_ms: Vec<(Pass, Vec<f64>)> = Pass::ALL.map(|pass| (pass, Vec::new())).into();
     for round in 0..protocol.warmup.saturating_add(protocol.steps) {
         let start = Instant::now();
-        engine.render(&view.camera, &protocol.render).context("cannot render")?;
+        engine.render_into(&view.camera, &protocol.render, &mut image).context("cannot render")?;
         let forward = start.elapsed();
         let before = engine.timings().to_vec();
         let start = Instant::now();

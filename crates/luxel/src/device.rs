@@ -1,8 +1,9 @@
 //! The choice of what computes: the processor's cores or a GPU.
 //!
 //! In: a [`Device`] and a number of threads; out: an engine without a scene, and words for where it
-//! runs. `Auto` takes a real GPU if there is one that works, and the CPU otherwise; captured LDR
-//! images and methods on pairs are trained on the CPU, the only engine for them.
+//! runs. `Auto` takes a separate card if there is one that works; any other GPU must first be
+//! clearly faster than the processor in a short measurement (`device/trial.rs`); else it takes the
+//! CPU. Captured LDR images and methods on pairs are trained on the CPU, the only engine for them.
 
 use std::error::Error as _;
 use std::fmt;
@@ -14,6 +15,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Context, ensure};
 use crate::{Error, Remedy, Result, machine, memory, text};
+
+mod trial;
 
 /// A choice of what computes: the processor or a GPU.
 ///
@@ -29,7 +32,7 @@ use crate::{Error, Remedy, Result, machine, memory, text};
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Device {
-    /// A GPU if there is a real one, else the CPU.
+    /// A GPU if there is a real one that is not slower than the CPU, else the CPU.
     #[default]
     Auto,
     /// The processor's cores.
@@ -179,7 +182,8 @@ impl SelectedEngine {
         match &options.device {
             Device::Cpu => cpu(threads, set, None),
             Device::Auto => match gpu::best(threads) {
-                Ok(selected) => Ok(selected),
+                Ok(Found { selected, needs_trial: false }) => Ok(selected),
+                Ok(Found { selected, needs_trial: true }) => Ok(faster(selected, cpu(threads, set, None)?)),
                 Err(reason) => cpu(threads, set, reason),
             },
             Device::Gpu => gpu::open(threads, None),
@@ -202,26 +206,46 @@ fn cpu(threads: usize, set: InstructionSet, reason: Option<String>) -> Result<Se
     Ok(SelectedEngine { engine: Box::new(engine), threads, machine: place, computed_by, gpu: None, instruction_set })
 }
 
+/// A GPU that [`Device::Auto`] may take.
+struct Found {
+    selected: SelectedEngine,
+    /// Whether it may be slower than the processor.
+    needs_trial: bool,
+}
+
+/// Returns the faster of two engines, by a short measurement.
+fn faster(mut gpu: SelectedEngine, mut processor: SelectedEngine) -> SelectedEngine {
+    let times = [&mut gpu, &mut processor].map(|selected| trial::step_time(selected.engine.as_mut()));
+    let Some(reason) = trial::reason_against(&times[0], &times[1]) else { return gpu };
+    processor.machine += &format!(" ({}: {reason})", gpu.machine);
+    processor
+}
+
 #[cfg(feature = "gpu")]
 mod gpu {
     use luxel_gpu::{AdapterKind, DeviceChoice, Gpu, GpuEngine, adapters};
 
-    use super::{Result, SelectedEngine};
+    use super::{Found, Result, SelectedEngine};
 
     pub(super) fn open(threads: usize, name: Option<&str>) -> Result<SelectedEngine> {
+        Ok(find(threads, name)?.selected)
+    }
+
+    fn find(threads: usize, name: Option<&str>) -> Result<Found> {
         let choice = name.map_or(DeviceChoice::Best, |name| DeviceChoice::Named(name.to_owned()));
         let gpu = Gpu::open(&choice)?;
         let engine = GpuEngine::new(&gpu)?;
         let facts = gpu.facts();
         let machine = format!("{} ({})", facts.name, facts.backend);
-        let computed_by = machine.clone();
-        Ok(SelectedEngine { engine: Box::new(engine), threads, machine, computed_by, gpu: Some(facts.name.clone()), instruction_set: None })
+        let (computed_by, name, needs_trial) = (machine.clone(), facts.name.clone(), facts.needs_trial());
+        let selected = SelectedEngine { engine: Box::new(engine), threads, machine, computed_by, gpu: Some(name), instruction_set: None };
+        Ok(Found { selected, needs_trial })
     }
 
     /// Opens the best real GPU. Without one there is nothing to report; one that cannot be used is
     /// reported.
-    pub(super) fn best(threads: usize) -> Result<SelectedEngine, Option<String>> {
-        open(threads, None).map_err(|error| {
+    pub(super) fn best(threads: usize) -> Result<Found, Option<String>> {
+        find(threads, None).map_err(|error| {
             let is_there = adapters().iter().any(|facts| facts.kind != AdapterKind::Software);
             is_there.then(|| format!("{error:#}"))
         })
@@ -230,7 +254,7 @@ mod gpu {
 
 #[cfg(not(feature = "gpu"))]
 mod gpu {
-    use super::{Result, SelectedEngine};
+    use super::{Found, Result, SelectedEngine};
     use crate::{Error, Remedy};
 
     pub(super) fn open(_: usize, _: Option<&str>) -> Result<SelectedEngine> {
@@ -238,7 +262,7 @@ mod gpu {
         Err(Error::new("this build of luxel has no GPU engine (cargo feature gpu)").with_remedy(remedy))
     }
 
-    pub(super) fn best(_: usize) -> Result<SelectedEngine, Option<String>> {
+    pub(super) fn best(_: usize) -> Result<Found, Option<String>> {
         Err(None)
     }
 }

@@ -173,6 +173,8 @@ pub fn evaluate(
     let indices: Vec<usize> = (0..views.len()).collect();
     // The render of the view before, if the next one has its camera.
     let mut shared: Option<Image> = None;
+    // Images of earlier views, whose memory is used again.
+    let mut spare: Vec<Image> = Vec::new();
     for batch in indices.chunks(measures.batch(views)) {
         let mut pairs = Vec::with_capacity(batch.len());
         for index in batch {
@@ -182,13 +184,18 @@ pub fn evaluate(
             }
             let render = match shared_render {
                 Some(render) => render,
-                None => engine.render(&view.camera, options)?,
+                None => {
+                    let mut image = spare.pop().unwrap_or_default();
+                    engine.render_into(&view.camera, options, &mut image)?;
+                    image
+                }
             };
             // Captured images of one pose come one after another, and are compared with one render.
             if views.get(index + 1).is_some_and(|next| next.camera == view.camera) {
                 shared = Some(render.clone());
             }
-            let mut prediction = vignetted(render, &view);
+            let mut prediction = render;
+            vignette(&mut prediction, &view);
             match measures.gain_fit {
                 GainFit::None => {}
                 GainFit::Common => multiply(&mut prediction, common),
@@ -210,6 +217,7 @@ pub fn evaluate(
             each(view, prediction, &metrics);
             named.push(NamedMetrics { name: view.name.clone(), metrics, field });
         }
+        spare.extend(pairs.into_iter().map(|(_, prediction)| prediction));
     }
     let all: Vec<ViewMetrics> = named.iter().map(|view| view.metrics).collect();
     let fields: Option<Vec<FieldMetrics>> = named.iter().map(|view| view.field.clone()).collect();
@@ -234,13 +242,15 @@ fn common_gain(
     radiance_scale: RadianceScale,
     views: &[View],
 ) -> Result<[f32; 3], EvaluationError> {
-    let (mut sum, mut count) = ([0.0f64; 3], 0usize);
+    let (mut sum, mut count, mut render) = ([0.0f64; 3], 0usize, Image::default());
     for view in views {
         let view = view.loaded()?;
         if !has_valid_pixel(&view) {
             continue;
         }
-        if let Some(log) = log_gain(&vignetted_render(engine, options, &view)?, &view, radiance_scale) {
+        engine.render_into(&view.camera, options, &mut render)?;
+        vignette(&mut render, &view);
+        if let Some(log) = log_gain(&render, &view, radiance_scale) {
             sum = [0, 1, 2].map(|c| sum[c] + f64::from(log[c]));
             count += 1;
         }
@@ -248,17 +258,11 @@ fn common_gain(
     Ok(sum.map(|sum| (sum / count.max(1) as f64) as f32))
 }
 
-/// Renders a view with the vignetting of its target.
-fn vignetted_render(engine: &mut dyn Engine, options: &RenderOptions, view: &View) -> Result<Image, EngineError> {
-    Ok(vignetted(engine.render(&view.camera, options)?, view))
-}
-
-/// Returns a render with the vignetting of a view's target.
-fn vignetted(mut image: Image, view: &View) -> Image {
+/// Gives a render the vignetting of a view's target.
+fn vignette(image: &mut Image, view: &View) {
     if let Some(vignetting) = &view.target.vignetting {
-        vignetting.apply(&mut image);
+        vignetting.apply(image);
     }
-    image
 }
 
 fn multiply(image: &mut Image, log_gain: [f32; 3]) {
@@ -296,7 +300,8 @@ pub fn probe(
     if !(0..view.image.pixels.len()).any(|i| view.is_valid(i)) {
         return Ok(None);
     }
-    let mut prediction = vignetted_render(engine, options, view)?;
+    let mut prediction = engine.render(&view.camera, options)?;
+    vignette(&mut prediction, view);
     multiply(&mut prediction, log_gain);
     let prediction = to_view_values(view, prediction, measures.radiance_scale, measures.response)?;
     let (target, mu) = (measures.target(view), mu_of(view, measures));

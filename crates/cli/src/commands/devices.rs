@@ -14,7 +14,7 @@ pub(crate) fn describe() -> Tree {
     if let Ok(engine) = CpuEngine::new(1) {
         cpu.set("instruction_set", engine.instruction_set());
     }
-    cpu.set("auto", if taken { "not taken: there is a GPU" } else { "taken: there is no GPU that auto may take" });
+    cpu.set("auto", if taken { "taken where the GPU is not" } else { "taken: there is no GPU that auto may take" });
     facts.group("cpu", cpu);
     facts
 }
@@ -28,6 +28,7 @@ fn gpus(facts: &mut Tree) -> bool {
         let auto = match &reason {
             Some(reason) => format!("not taken: {reason}"),
             None if taken => "not taken: another comes first".into(),
+            None if adapter.needs_trial() => "taken where a short measurement finds it clearly faster than the CPU".into(),
             None => "taken".into(),
         };
         taken |= reason.is_none();

@@ -125,6 +125,16 @@ pub trait Engine: Send {
     /// [`EngineError::Camera`], [`EngineError::Device`].
     fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError>;
 
+    /// Renders like [`Engine::render`] into an image of any size, whose memory an engine may use
+    /// again. After an error the image holds anything.
+    ///
+    /// # Errors
+    /// Those of [`Engine::render`].
+    fn render_into(&mut self, camera: &Camera, options: &RenderOptions, image: &mut Image) -> Result<(), EngineError> {
+        *image = self.render(camera, options)?;
+        Ok(())
+    }
+
     /// Renders like [`Engine::render`], with each pixel's coverage and depth.
     ///
     /// # Errors

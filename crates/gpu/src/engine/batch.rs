@@ -12,7 +12,7 @@ use crate::commands::{Groups, bind};
 use crate::device::{Buffer, Gpu};
 use crate::kernels::KernelId;
 use crate::layout::{HALT_NONE, STATS_ROWS};
-use crate::scene::{GpuScene, Shard, floats};
+use crate::scene::{GpuScene, Shard};
 use crate::screen::optimizer_uniform;
 use crate::step::{GradientOutput, backward_groups};
 
@@ -87,7 +87,7 @@ impl GpuEngine {
         let values = dense.values_mut();
         for ((shard, gradients), statistics) in shards.iter().zip(&batch.gradients).zip(&batch.statistics) {
             for (buffer, first_row, buffer_rows) in [(gradients, 0, rows.count()), (statistics, rows.count(), STATS_ROWS)] {
-                let found = floats(&self.gpu.read(buffer, 4 * (buffer_rows * shard.stride) as u64)?);
+                let found: Vec<f32> = self.gpu.read(buffer, buffer_rows * shard.stride)?;
                 for row in 0..buffer_rows {
                     for (i, value) in found[row * shard.stride..][..shard.len].iter().enumerate() {
                         values[place(shard, i, first_row + row, block_len)] = *value;

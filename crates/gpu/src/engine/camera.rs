@@ -24,8 +24,7 @@ impl GpuEngine {
     pub(super) fn read_camera_gradient(&self, view: &View, step: &StepConfig) -> Result<CameraGradient, EngineError> {
         let mut rows: Vec<[f64; CAMERA_SUMS]> = Vec::new();
         for (shard, sums) in self.scene.shards.iter().zip(&self.camera_sums) {
-            let bytes = self.gpu.read(sums, CAMERA_SUMS_BYTES * backward_groups(shard))?;
-            let groups: Vec<[f32; CAMERA_SUMS]> = bytemuck::pod_collect_to_vec(&bytes);
+            let groups: Vec<[f32; CAMERA_SUMS]> = self.gpu.read(sums, backward_groups(shard) as usize)?;
             rows.extend(groups.into_iter().map(|group| group.map(f64::from)));
         }
         Ok(CameraSums::of_rows(rows).gradient(&view.camera, step.render.raster.samples))

@@ -65,12 +65,23 @@ impl Engine for GpuEngine {
     }
 
     fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {
+        let mut image = Image::default();
+        self.render_into(camera, options, &mut image)?;
+        Ok(image)
+    }
+
+    fn render_into(&mut self, camera: &Camera, options: &RenderOptions, image: &mut Image) -> Result<(), EngineError> {
         check(camera)?;
         self.wait_idle_checked()?;
         let lights = self.scene.rows.color_model.lights();
         let options = &of_one_light(options, lights);
-        let image = self.render_light(camera, options, 0)?;
-        (1..lights).try_fold(image, |image, light| Ok(image.plus(self.render_light(camera, options, light)?)))
+        self.render_light(camera, options, 0, image)?;
+        for light in 1..lights {
+            let mut added = Image::default();
+            self.render_light(camera, options, light, &mut added)?;
+            *image = std::mem::take(image).plus(added);
+        }
+        Ok(())
     }
 
     fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError> {

@@ -14,14 +14,17 @@ pub(super) fn of_one_light(options: &RenderOptions, lights: usize) -> RenderOpti
 }
 
 impl GpuEngine {
-    /// Renders the image of a light.
-    pub(super) fn render_light(&mut self, camera: &Camera, options: &RenderOptions, light: usize) -> Result<Image, EngineError> {
+    /// Renders the image of a light into an image of any size.
+    pub(super) fn render_light(
+        &mut self,
+        camera: &Camera,
+        options: &RenderOptions,
+        light: usize,
+        image: &mut Image,
+    ) -> Result<(), EngineError> {
         self.run(&Submission::Render { camera, options, light })?;
         let (sampled, samples) = supersampled(camera, options);
-        let [width, height] = sampled.size_px.map(|side| side as usize);
-        let bytes = self.gpu.read(&self.frame.pixels.image, 12 * (width * height) as u64)?;
-        let image = Image { width, height, pixels: bytemuck::pod_collect_to_vec(&bytes) };
-        Ok(if samples == 1 { image } else { image.block_means(samples as usize) })
+        self.image_copy.read_into(&self.gpu, sampled.size_px, samples as usize, image)
     }
 
     /// Computes each splat's contributions to the image of a light.
@@ -32,12 +35,11 @@ impl GpuEngine {
         light: usize,
         mask: &Buffer,
     ) -> Result<Contributions, EngineError> {
-        let bytes = 16 * self.scene.count as u64;
-        let out = self.gpu.storage("contributions", bytes)?;
+        let out = self.gpu.storage("contributions", 16 * self.scene.count as u64)?;
         self.run(&Submission::Contributions { camera, options, light, mask, out: &out })?;
         // Cached bindings would keep the buffers alive.
         self.commands.forget();
-        let sums: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&self.gpu.read(&out, bytes)?);
+        let sums: Vec<[f32; 4]> = self.gpu.read(&out, self.scene.count)?;
         let row = |k: usize| sums.iter().map(|sums| sums[k]).collect();
         Ok(Contributions { masked: row(0), blended: row(1), unoccluded: row(2), light: row(3) })
     }

@@ -28,8 +28,7 @@ impl GpuEngine {
         let output = GradientOutput { gradients: &out, statistics: None };
         self.run(&Submission::Gradients { view, step, out: output })?;
         let Self { gpu, scene, frame, commands, targets, slots, .. } = self;
-        let bytes = gpu.read(&frame.splats.places, 8 * scene.count as u64)?;
-        let mut places: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&bytes);
+        let mut places: Vec<[u32; 2]> = gpu.read(&frame.splats.places, scene.count)?;
         for [_, touched] in places.iter_mut().filter(|[_, touched]| *touched > 0) {
             *touched += surplus;
         }

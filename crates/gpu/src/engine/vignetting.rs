@@ -6,7 +6,6 @@
 use luxel_core::{EngineError, VIGNETTING_TERMS, View};
 
 use super::GpuEngine;
-use crate::layout::GROUP_SUMS_BYTES;
 use crate::screen::tiles;
 
 impl GpuEngine {
@@ -15,9 +14,8 @@ impl GpuEngine {
         if view.target.vignetting.is_none() {
             return Ok(None);
         }
-        let groups = tiles(view.camera.size_px).into_iter().map(u64::from).product::<u64>();
-        let bytes = self.gpu.read(&self.frame.pixels.group_sums, GROUP_SUMS_BYTES * groups)?;
-        let sums: Vec<[f32; VIGNETTING_TERMS]> = bytemuck::pod_collect_to_vec(&bytes);
+        let groups = tiles(view.camera.size_px).map(|side| side as usize).into_iter().product();
+        let sums: Vec<[f32; VIGNETTING_TERMS]> = self.gpu.read(&self.frame.pixels.group_sums, groups)?;
         let total = |k: usize| sums.iter().map(|group| f64::from(group[k])).sum::<f64>() as f32;
         Ok(Some(std::array::from_fn(total)))
     }

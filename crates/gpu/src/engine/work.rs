@@ -11,7 +11,7 @@ use super::{GpuEngine, Submission};
 use crate::device::Buffer;
 use crate::frame::tile_digits;
 use crate::layout::{BLOCK_PX, DEPTH_DIGITS, ENTRY_GRADIENT_BYTES, Entry, State, TILE_PX};
-use crate::scene::{GpuScene, floats};
+use crate::scene::GpuScene;
 use crate::screen::{pixel_kind, supersampled, tiles};
 use crate::step::{GradientOutput, Recorder};
 
@@ -120,21 +120,24 @@ impl GpuEngine {
         let mut work = Work {
             visible: state.visible.into(),
             entries,
-            keys_sorted: u64::from(DEPTH_DIGITS) * self.scene.count as u64 + tile_digits(across * down) as u64 * entries,
+            // The first digit of depths leaves out the splats that do not touch the image.
+            keys_sorted: self.scene.count as u64
+                + u64::from(DEPTH_DIGITS - 1) * u64::from(state.visible)
+                + tile_digits(across * down) as u64 * entries,
             gradient_bytes: ENTRY_GRADIENT_BYTES * entries,
             dispatches: traffic.dispatches as u64,
             submissions: traffic.submissions as u64,
             ..Work::default()
         };
         self.record_counted(view, step, |recorder| recorder.count_backward())?;
-        let emitted = self.gpu.read(&self.frame.entries.emitted, size_of::<Entry>() as u64 * entries)?;
-        let emitted: Vec<Entry> = bytemuck::pod_collect_to_vec(&emitted);
+        let emitted: Vec<Entry> = self.gpu.read(&self.frame.entries.emitted, entries as usize)?;
         work.block_pairs = emitted.iter().map(|entry| u64::from(entry.blocks.count_ones())).sum();
-        let gradients = floats(&self.gpu.read(&self.frame.entries.gradients, ENTRY_GRADIENT_BYTES * entries)?);
-        gradients.chunks_exact(ENTRY_GRADIENT_BYTES as usize / 4).filter_map(|entry| entry.last()).for_each(|last| work.add_entry(*last));
+        let numbers = ENTRY_GRADIENT_BYTES as usize / 4;
+        let gradients: Vec<f32> = self.gpu.read(&self.frame.entries.gradients, numbers * entries as usize)?;
+        gradients.chunks_exact(numbers).filter_map(|entry| entry.last()).for_each(|last| work.add_entry(*last));
         self.record_counted(view, step, |recorder| recorder.count_forward())?;
-        let pixels = u64::from(camera.size_px[0]) * u64::from(camera.size_px[1]);
-        work.add_image(&floats(&self.gpu.read(&self.frame.pixels.image, 12 * pixels)?), camera.size_px);
+        let pixels = camera.size_px.map(|side| side as usize).into_iter().product::<usize>();
+        work.add_image(&self.gpu.read(&self.frame.pixels.image, 3 * pixels)?, camera.size_px);
         self.commands.forget();
         Ok(work)
     }

@@ -13,11 +13,11 @@ use serde_json::{Map, Value, json};
 
 use super::{Dispatch, PixelKind, Resource, Workgroups, bin, project, rasterize, sort_by_depth, sort_by_tile};
 use crate::constants::{constants, model_constants};
-use crate::frame::{EXPECTED_TILES, FIRST_ENTRIES, TILE_DIGITS, sort_uniform};
-use crate::kernels::{KernelId, source};
+use crate::frame::{EXPECTED_TILES, FIRST_ENTRIES, TILE_DIGITS, depth_sorts, tile_sorts};
+use crate::kernels::{KernelId, Update, source};
 use crate::layout::{
-    DEPTH_DIGITS, DIGIT_BITS, FLAG_COMPENSATION, FLAG_EDIT_GAIN, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING, HALT_NONE, HALT_OVERFLOW,
-    MAX_GROUPS, SORT_ENTRIES, TILE_PX, Update,
+    DIGIT_BITS, FLAG_COMPENSATION, FLAG_EDIT_GAIN, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING, HALT_NONE, HALT_OVERFLOW, MAX_GROUPS,
+    SortUniform, TILE_PX,
 };
 
 const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../view/src/page/gpu/forward.js");
@@ -117,9 +117,9 @@ fn forward() -> Value {
             (format!("{:?}", bound.resource), json!({ "bytes": extent.bytes, "terms": terms }))
         })
         .collect();
-    let sort = |digits: u32, flags: u32| -> Vec<Value> {
-        (0..digits).map(|digit| sort_uniform(digit, flags)).map(|s| json!([s.shift, s.count, s.flags, s.padding])).collect()
-    };
+    let sorts = |sorts: Vec<SortUniform>| -> Value { sorts.iter().map(|s| json!([s.shift, s.count, s.flags, s.bits])).collect() };
+    let most_bits = TILE_DIGITS * DIGIT_BITS;
+    let tile_sorts: Value = (0..=most_bits).map(|bits| sorts(tile_sorts(bits))).collect();
     let [texts, kernels] = kernels(&all);
     let constants: Map<String, Value> =
         models().into_iter().map(|model| (model.name(), model_constants(model, 0, Update::Parameters).into())).collect();
@@ -132,9 +132,9 @@ fn forward() -> Value {
             "editGain": FLAG_EDIT_GAIN,
         },
         "halt": { "none": HALT_NONE, "overflow": HALT_OVERFLOW },
-        "sorts": { "depth": sort(DEPTH_DIGITS, 0), "tile": sort(TILE_DIGITS, SORT_ENTRIES) },
+        "sorts": { "depth": sorts(depth_sorts()), "tile": tile_sorts },
         "numbers": {
-            "tilePx": TILE_PX, "digitBits": DIGIT_BITS, "maxGroups": MAX_GROUPS, "firstEntries": FIRST_ENTRIES,
+            "tilePx": TILE_PX, "maxGroups": MAX_GROUPS, "firstEntries": FIRST_ENTRIES,
             "expectedTiles": EXPECTED_TILES, "jacobianMargin": JACOBIAN_MARGIN,
         },
         "extents": extents,

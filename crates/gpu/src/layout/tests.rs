@@ -3,7 +3,7 @@
 use luxel_core::ColorModel;
 
 use super::*;
-use crate::kernels::{KernelId, source};
+use crate::kernels::{KernelId, Update, source};
 
 /// A structure's name, size, and its fields' names and offsets as the shader has them.
 fn shader_struct(kernel: KernelId, name: &str) -> (u32, Vec<(String, u32)>) {
@@ -117,7 +117,7 @@ fn structures_lie_in_memory_as_the_shaders_expect() {
             padding_2
         ]
     );
-    check!(KernelId::SortCount, "Sort", SortUniform, [shift, count, flags, padding]);
+    check!(KernelId::SortCount, "Sort", SortUniform, [shift, count, flags, bits]);
     check!(
         KernelId::LossSsim,
         "Loss",

@@ -1,7 +1,7 @@
 // Pass `bin`: makes the pairs of splats and the tiles that they touch, splats front to back. Twin:
 // cpu/passes/bin.rs.
 //
-// `bin_sum` counts the tiles and visible splats of each block of 256 splats in depth order.
+// `bin_sum` counts the tiles and splats of each block of 256 visible splats in depth order.
 // `bin_scan` finds the start of each block's entries, their number, and the sizes of the later
 // dispatches; it halts the engine if the buffers are too small. `bin_emit` writes the entries,
 // divided evenly between a block's threads, each with the blocks of the tile that the splat
@@ -74,7 +74,7 @@ fn bin_sum(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_in
     let block = group_index(workgroup);
     let rank = block * 256u + local;
     var value = vec2u(0u);
-    if (rank < camera.count) {
+    if (rank < state.visible) {
         let touched = places[order[rank]].y;
         value = vec2u(touched, select(0u, 1u, touched > 0u));
     }
@@ -132,7 +132,7 @@ fn bin_emit(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_i
     let rank = block * 256u + local;
     var touched = 0u;
     var splat = 0u;
-    if (rank < camera.count) {
+    if (rank < state.visible) {
         splat = order[rank];
         touched = places[splat].y;
     }

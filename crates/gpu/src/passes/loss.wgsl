@@ -1,16 +1,21 @@
 // Pass `loss`: (1 - w) D + w (1 - SSIM) of mu-law images, where D is their L1, partly squared, and
 // its gradient by the pixels' radiance. Twin: cpu/passes/loss.
 //
-// A workgroup is 16x16 pixels, one channel after the other. `loss_ssim` loads values with a halo
-// into workgroup memory and applies the window of SSIM along rows, then down columns; out: sums of
-// |difference|, SSIM and difference^2 per workgroup, and SSIM's derivatives by the means of x, x^2
-// and xy. `loss_gradient` convolves the derivatives with the same window (it is symmetric, and the
-// padding is zero, so it is its own adjoint) and computes the gradient by radiance. `loss_report`
-// adds up the sums of all workgroups in a fixed order; it halts the engine if the loss is not
-// finite, before anything has changed. With x a pixel's prediction under the mu-law, y its target
-// and w its weight, w x + (1 - w) y takes the place of the prediction. The radiance of a pixel is
-// the mean of its samples, times `gain_at` its place, if the lens has vignetting (vignetting.wgsl,
-// else no_vignetting.wgsl); each sample gets its share of the gradient.
+// A workgroup is 16x16 pixels. `loss_ssim` takes all channels of its pixels and of a halo under the
+// mu-law; then, one channel after the other, it applies the window of SSIM along rows, then down
+// columns, in workgroup memory. Out: sums of |difference|, SSIM and difference^2 per workgroup, and
+// SSIM's derivatives by the means of x, x^2 and xy. `loss_gradient` convolves the derivatives with
+// the same window (it is symmetric, and the padding is zero, so it is its own adjoint) and computes
+// the gradient by radiance. A workgroup behind the image's adds up the sums of all workgroups in a
+// fixed order: the report. It halts the engine if the loss is not finite, before anything has
+// changed. With x a pixel's prediction under the mu-law, y its target and w its weight,
+// w x + (1 - w) y takes the place of the prediction. The radiance of a pixel is the mean of its
+// samples, times `gain_at` its place, if the lens has vignetting (vignetting.wgsl, else
+// no_vignetting.wgsl); each sample gets its share of the gradient.
+//
+// The functions that apply the window, `moments_of_row`, `moments_of_column`, `derivatives_of_row`
+// and `derivatives_of_column`, are written out tap by tap (constants.rs): a table that is indexed
+// at run time would be copied to a variable at each access.
 
 struct Loss {
     mu: f32,
@@ -56,10 +61,12 @@ struct Loss {
 @group(0) @binding(8) var<storage, read_write> pixel_gradients: array<vec4f>;
 @group(0) @binding(9) var<storage, read_write> state: State;
 
-const SIDE = 16u;
+const SIDE = TILE_PX;
 const HALO_SIDE = SIDE + 2u * SSIM_RADIUS;
 const HALO = HALO_SIDE * HALO_SIDE;
 const STRIP = HALO_SIDE * SIDE;
+// A thread has up to three places of the halo and two of the strip.
+const_assert HALO > 512u && HALO <= 768u && STRIP <= 512u;
 
 fn weight_of(pixel: u32) -> f32 {
     if (config.is_masked == 0u) {
@@ -68,15 +75,15 @@ fn weight_of(pixel: u32) -> f32 {
     return mask[pixel];
 }
 
-// The mu-law value of a prediction, mixed with the target's if its weight is less than 1.
-fn weighted(x: f32, y: f32, weight: f32) -> f32 {
-    return select(weight * x + (1.0 - weight) * y, x, weight == 1.0);
+// The mu-law values of a prediction, mixed with the target's if its weight is less than 1.
+fn weighted(x: vec3f, y: vec3f, weight: f32) -> vec3f {
+    return select(weight * x + (1.0 - weight) * y, x, vec3<bool>(weight == 1.0));
 }
 
-fn mu_law(radiance: f32) -> f32 {
-    let x = config.mu * max(radiance, 0.0);
+fn mu_law(radiance: vec3f) -> vec3f {
+    let x = config.mu * max(radiance, vec3f(0.0));
     // ln(1 + x), by a series that keeps the small digits of x.
-    return config.scale * select(log(1.0 + x), x * (1.0 - x * (0.5 - x * (1.0 / 3.0 - x * 0.25))), x < 0.02);
+    return config.scale * select(log(1.0 + x), x * (1.0 - x * (0.5 - x * (1.0 / 3.0 - x * 0.25))), x < vec3f(0.02));
 }
 
 // Position in the image of a place in the halo.
@@ -89,196 +96,248 @@ fn size_px() -> vec2u {
     return camera.size_px / camera.samples;
 }
 
-fn is_inside(at: vec2i) -> bool {
-    return all(at >= vec2i(0)) && all(at < vec2i(size_px()));
+fn tile_counts(size: vec2u) -> vec2u {
+    return (size + SIDE - 1u) / SIDE;
 }
 
-// Number of sample `n` of the pixel in column and row `at`.
-fn sample_of(at: vec2u, n: u32) -> u32 {
-    let sample = at * camera.samples + vec2u(n % camera.samples, n / camera.samples);
-    return sample.y * camera.size_px.x + sample.x;
+fn is_inside(at: vec2i, size: vec2u) -> bool {
+    return all(at >= vec2i(0)) && all(at < vec2i(size));
 }
 
-fn radiance_at(at: vec2u, channel: u32) -> f32 {
-    let count = camera.samples * camera.samples;
-    var sum = 0.0;
-    for (var n = 0u; n < count; n++) {
-        sum += image[3u * sample_of(at, n) + channel];
+// The mean over a pixel's samples.
+fn radiance_at(at: vec2u) -> vec3f {
+    var sum = vec3f(0.0);
+    for (var row = 0u; row < camera.samples; row++) {
+        let first = 3u * ((at.y * camera.samples + row) * camera.size_px.x + at.x * camera.samples);
+        for (var value = first; value < first + 3u * camera.samples; value += 3u) {
+            sum += vec3f(image[value], image[value + 1u], image[value + 2u]);
+        }
     }
-    return sum / f32(count);
+    return sum / f32(camera.samples * camera.samples);
 }
 
 // The radiance of a pixel as the view shows it.
-fn seen_at(at: vec2u, channel: u32) -> f32 {
-    return gain_at(at) * radiance_at(at, channel);
+fn seen_at(at: vec2u) -> vec3f {
+    return gain_at(at) * radiance_at(at);
 }
 
-var<workgroup> predictions: array<f32, HALO>;
-var<workgroup> targets: array<f32, HALO>;
-var<workgroup> row_means: array<vec4f, STRIP>;
-var<workgroup> totals: array<vec4f, 256>;
+// The target of a pixel under the mu-law.
+fn target_at(pixel: u32) -> vec3f {
+    let radiance = vec3f(target_image[3u * pixel], target_image[3u * pixel + 1u], target_image[3u * pixel + 2u]);
+    return mu_law(radiance * config.target_scale);
+}
 
-// Leaves the sum over the workgroup's 256 threads in totals[0], for all of them to read. Its order
-// is that of a tree, the same every time.
+// Prediction and target of a pixel under the mu-law; zero outside of the image.
+struct Compared {
+    prediction: vec3f,
+    truth: vec3f,
+}
+
+fn compared(from_px: vec2i, size: vec2u) -> Compared {
+    if (!is_inside(from_px, size)) {
+        return Compared(vec3f(0.0), vec3f(0.0));
+    }
+    let at = vec2u(from_px);
+    let pixel = at.y * size.x + at.x;
+    let y = target_at(pixel);
+    let weight = weight_of(pixel);
+    var x = y;
+    // A prediction of weight 0 has no effect, even if it is NaN.
+    if (weight > 0.0) {
+        x = weighted(mu_law(seen_at(at)), y, weight);
+    }
+    return Compared(x, y);
+}
+
+// Prediction and target of a channel.
+var<workgroup> halo: array<vec2f, HALO>;
+// Sums along rows; then, for `add_over_workgroup`, sums over threads.
+var<workgroup> rows: array<vec4f, STRIP>;
+
+// x, y, x^2 + y^2 and xy at a place of the halo.
+fn moments_at(n: u32) -> vec4f {
+    let v = halo[n];
+    return vec4f(v, dot(v, v), v.x * v.y);
+}
+
+fn row_at(n: u32) -> vec4f {
+    return rows[n];
+}
+
+// The place in the halo where the row of place `n` of the strip begins.
+fn row_start(n: u32) -> u32 {
+    return n / SIDE * HALO_SIDE + n % SIDE;
+}
+
+// Leaves the sum over the workgroup's 256 threads in rows[0], for all of them to read. Its order is
+// that of a tree, the same every time.
 fn add_over_workgroup(local: u32, own: vec4f) {
-    totals[local] = own;
+    workgroupBarrier();
+    rows[local] = own;
     workgroupBarrier();
     for (var half = 128u; half > 0u; half /= 2u) {
         if (local < half) {
-            totals[local] += totals[local + half];
+            rows[local] += rows[local + half];
         }
         workgroupBarrier();
     }
+}
+
+// Means of a channel, x, y, x^2 + y^2 and xy, around a thread's pixel; `a` to `c` are the thread's
+// places in the halo.
+fn means_of_channel(local: u32, a: vec2f, b: vec2f, c: vec2f) -> vec4f {
+    halo[local] = a;
+    halo[local + 256u] = b;
+    if (local + 512u < HALO) {
+        halo[local + 512u] = c;
+    }
+    workgroupBarrier();
+    rows[local] = moments_of_row(row_start(local));
+    if (local + 256u < STRIP) {
+        rows[local + 256u] = moments_of_row(row_start(local + 256u));
+    }
+    workgroupBarrier();
+    return moments_of_column(local);
+}
+
+// SSIM from the means of a channel; stores its derivatives.
+fn ssim_of(means: vec4f, plane: u32, pixel: u32, pixels: u32) -> f32 {
+    let mean_squares = means.x * means.x + means.y * means.y;
+    let mean_product = means.x * means.y;
+    let a = 2.0 * mean_product + SSIM_C1;
+    let b = 2.0 * (means.w - mean_product) + SSIM_C2;
+    let d = mean_squares + SSIM_C1;
+    let e = means.z - mean_squares + SSIM_C2;
+    let inverse = 1.0 / (d * e);
+    let ssim = a * b * inverse;
+    // Half of the derivatives: by the mean of x at constant sums of variances, of x^2, of xy.
+    derivatives[plane * pixels + pixel] = (means.y * (b - a) + means.x * ssim * (d - e)) * inverse;
+    derivatives[(plane + 1u) * pixels + pixel] = -(ssim * (d * inverse));
+    derivatives[(plane + 2u) * pixels + pixel] = a * inverse;
+    return ssim;
 }
 
 @compute @workgroup_size(256)
 fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
     let at = workgroup.xy * SIDE + vec2u(local % SIDE, local / SIDE);
     let size = size_px();
-    let inside = all(at < size);
-    let pixel = at.y * size.x + at.x;
-    let pixels = size.x * size.y;
+    let a = compared(halo_pixel(workgroup.xy, local), size);
+    let b = compared(halo_pixel(workgroup.xy, local + 256u), size);
+    var c: Compared;
+    if (local + 512u < HALO) {
+        c = compared(halo_pixel(workgroup.xy, local + 512u), size);
+    }
+    let center = (local / SIDE + SSIM_RADIUS) * HALO_SIDE + local % SIDE + SSIM_RADIUS;
+    let x = means_of_channel(local, vec2f(a.prediction.x, a.truth.x), vec2f(b.prediction.x, b.truth.x), vec2f(c.prediction.x, c.truth.x));
+    let own_x = halo[center];
+    workgroupBarrier();
+    let y = means_of_channel(local, vec2f(a.prediction.y, a.truth.y), vec2f(b.prediction.y, b.truth.y), vec2f(c.prediction.y, c.truth.y));
+    let own_y = halo[center];
+    workgroupBarrier();
+    let z = means_of_channel(local, vec2f(a.prediction.z, a.truth.z), vec2f(b.prediction.z, b.truth.z), vec2f(c.prediction.z, c.truth.z));
+    let own_z = halo[center];
     var total = vec4f(0.0);
-    for (var channel = 0u; channel < 3u; channel++) {
-        for (var n = local; n < HALO; n += 256u) {
-            let from_px = halo_pixel(workgroup.xy, n);
-            var x = 0.0;
-            var y = 0.0;
-            if (is_inside(from_px)) {
-                let source = u32(from_px.y) * size.x + u32(from_px.x);
-                y = mu_law(target_image[3u * source + channel] * config.target_scale[channel]);
-                x = y;
-                let weight = weight_of(source);
-                // A prediction of weight 0 has no effect, even if it is NaN.
-                if (weight > 0.0) {
-                    x = weighted(mu_law(seen_at(vec2u(from_px), channel)), y, weight);
-                }
-            }
-            predictions[n] = x;
-            targets[n] = y;
-        }
-        workgroupBarrier();
-        for (var n = local; n < STRIP; n += 256u) {
-            let start = n / SIDE * HALO_SIDE + n % SIDE;
-            var means = vec4f(0.0);
-            for (var k = 0u; k < SSIM_TAPS; k++) {
-                let x = predictions[start + k];
-                let y = targets[start + k];
-                means += SSIM_WINDOW[k] * vec4f(x, y, x * x + y * y, x * y);
-            }
-            row_means[n] = means;
-        }
-        workgroupBarrier();
-        if (inside) {
-            var m = vec4f(0.0);
-            for (var k = 0u; k < SSIM_TAPS; k++) {
-                m += SSIM_WINDOW[k] * row_means[local + k * SIDE];
-            }
-            let mean_squares = m.x * m.x + m.y * m.y;
-            let mean_product = m.x * m.y;
-            let a = 2.0 * mean_product + SSIM_C1;
-            let b = 2.0 * (m.w - mean_product) + SSIM_C2;
-            let d = mean_squares + SSIM_C1;
-            let e = m.z - mean_squares + SSIM_C2;
-            let inverse = 1.0 / (d * e);
-            let ssim = a * b * inverse;
-            // Half of the derivatives: by the mean of x at constant sums of variances, of x^2, of
-            // xy.
-            derivatives[3u * channel * pixels + pixel] = (m.y * (b - a) + m.x * ssim * (d - e)) * inverse;
-            derivatives[(3u * channel + 1u) * pixels + pixel] = -(ssim * (d * inverse));
-            derivatives[(3u * channel + 2u) * pixels + pixel] = a * inverse;
-            let center = (local / SIDE + SSIM_RADIUS) * HALO_SIDE + local % SIDE + SSIM_RADIUS;
-            let difference = predictions[center] - targets[center];
-            total += vec4f(abs(difference), ssim, difference * difference, 0.0);
-        }
-        workgroupBarrier();
+    if (all(at < size)) {
+        let pixel = at.y * size.x + at.x;
+        let pixels = size.x * size.y;
+        let ssim = vec3f(ssim_of(x, 0u, pixel, pixels), ssim_of(y, 3u, pixel, pixels), ssim_of(z, 6u, pixel, pixels));
+        let difference = vec3f(own_x.x - own_x.y, own_y.x - own_y.y, own_z.x - own_z.y);
+        total = vec4f(dot(abs(difference), vec3f(1.0)), dot(ssim, vec3f(1.0)), dot(difference, difference), 0.0);
     }
     add_over_workgroup(local, total);
     if (local == 0u) {
-        group_sums[workgroup.y * ((size.x + SIDE - 1u) / SIDE) + workgroup.x] = totals[0];
+        group_sums[workgroup.y * tile_counts(size).x + workgroup.x] = rows[0];
     }
 }
 
-// Separate numbers: a vec3f would take the space of four.
+// Derivatives of a channel. Separate numbers: a vec3f would take the space of four.
 var<workgroup> halo_derivatives: array<array<f32, 3>, HALO>;
-var<workgroup> row_derivatives: array<array<f32, 3>, STRIP>;
 
-fn vector(values: array<f32, 3>) -> vec3f {
+fn derivatives_at(n: u32) -> vec3f {
+    let values = halo_derivatives[n];
     return vec3f(values[0], values[1], values[2]);
+}
+
+fn row_derivatives_at(n: u32) -> vec3f {
+    return rows[n].xyz;
+}
+
+// Takes a place of the halo of the workgroup from three planes of derivatives.
+fn load_derivatives(n: u32, group: vec2u, plane: u32, size: vec2u) {
+    let from_px = halo_pixel(group, n);
+    var by = array<f32, 3>(0.0, 0.0, 0.0);
+    if (is_inside(from_px, size)) {
+        let pixels = size.x * size.y;
+        let at = plane * pixels + u32(from_px.y) * size.x + u32(from_px.x);
+        by = array<f32, 3>(derivatives[at], derivatives[at + pixels], derivatives[at + 2u * pixels]);
+    }
+    halo_derivatives[n] = by;
+}
+
+// Means of a channel's derivatives around a thread's pixel.
+fn mean_derivatives(local: u32, group: vec2u, plane: u32, size: vec2u) -> vec3f {
+    load_derivatives(local, group, plane, size);
+    load_derivatives(local + 256u, group, plane, size);
+    if (local + 512u < HALO) {
+        load_derivatives(local + 512u, group, plane, size);
+    }
+    workgroupBarrier();
+    rows[local] = vec4f(derivatives_of_row(row_start(local)), 0.0);
+    if (local + 256u < STRIP) {
+        rows[local + 256u] = vec4f(derivatives_of_row(row_start(local + 256u)), 0.0);
+    }
+    workgroupBarrier();
+    return derivatives_of_column(local);
 }
 
 @compute @workgroup_size(256)
 fn loss_gradient(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
     let at = workgroup.xy * SIDE + vec2u(local % SIDE, local / SIDE);
     let size = size_px();
-    let inside = all(at < size);
-    let pixel = at.y * size.x + at.x;
-    let pixels = size.x * size.y;
-    var gradient = vec3f(0.0);
-    for (var channel = 0u; channel < 3u; channel++) {
-        for (var n = local; n < HALO; n += 256u) {
-            let from_px = halo_pixel(workgroup.xy, n);
-            var by = vec3f(0.0);
-            if (is_inside(from_px)) {
-                let source = u32(from_px.y) * size.x + u32(from_px.x);
-                let plane = 3u * channel * pixels + source;
-                by = vec3f(derivatives[plane], derivatives[plane + pixels], derivatives[plane + 2u * pixels]);
-            }
-            halo_derivatives[n] = array<f32, 3>(by.x, by.y, by.z);
+    let tiles = tile_counts(size);
+    if (workgroup.y == tiles.y) {
+        if (workgroup.x == 0u) {
+            report(local, tiles);
         }
-        workgroupBarrier();
-        for (var n = local; n < STRIP; n += 256u) {
-            let start = n / SIDE * HALO_SIDE + n % SIDE;
-            var sum = vec3f(0.0);
-            for (var k = 0u; k < SSIM_TAPS; k++) {
-                sum += SSIM_WINDOW[k] * vector(halo_derivatives[start + k]);
-            }
-            row_derivatives[n] = array<f32, 3>(sum.x, sum.y, sum.z);
-        }
-        workgroupBarrier();
-        if (inside) {
-            var by = vec3f(0.0);
-            for (var k = 0u; k < SSIM_TAPS; k++) {
-                by += SSIM_WINDOW[k] * vector(row_derivatives[local + k * SIDE]);
-            }
-            let radiance = max(seen_at(at, channel), 0.0);
-            let weight = weight_of(pixel);
-            let y = mu_law(target_image[3u * pixel + channel] * config.target_scale[channel]);
-            let x = weighted(mu_law(radiance), y, weight);
-            let by_ssim = by.x + by.y * x + by.z * y;
-            // T'(p) = mu / ((1 + mu p) ln(1 + mu)); the factors hold all but 1 / (1 + mu p).
-            let by_difference = sign(x - y) * config.l1_factor + (x - y) * config.l2_factor;
-            let by_value = by_ssim * config.ssim_factor + by_difference;
-            // No store with a dynamic index: some compilers refuse it in a loop with barriers.
-            let value = weight * by_value / (1.0 + config.mu * radiance);
-            gradient = select(gradient, vec3f(value), vec3u(0u, 1u, 2u) == vec3u(channel));
-        }
-        workgroupBarrier();
+        return;
     }
-    if (inside) {
-        // Pixels of weight 0 entered the windows with the target's values, which do not depend on
-        // the prediction.
-        let moved = select(vec3f(0.0), gradient * gain_at(at), weight_of(pixel) > 0.0);
-        let count = camera.samples * camera.samples;
-        for (var n = 0u; n < count; n++) {
-            let sample = sample_of(at, n);
-            pixel_gradients[sample] = vec4f(moved / f32(count), f32(last_entries[sample]));
+    let by_x = mean_derivatives(local, workgroup.xy, 0u, size);
+    let by_y = mean_derivatives(local, workgroup.xy, 3u, size);
+    let by_z = mean_derivatives(local, workgroup.xy, 6u, size);
+    if (any(at >= size)) {
+        return;
+    }
+    let pixel = at.y * size.x + at.x;
+    let radiance = max(seen_at(at), vec3f(0.0));
+    let weight = weight_of(pixel);
+    let y = target_at(pixel);
+    let x = weighted(mu_law(radiance), y, weight);
+    let by_ssim = vec3f(by_x.x, by_y.x, by_z.x) + vec3f(by_x.y, by_y.y, by_z.y) * x + vec3f(by_x.z, by_y.z, by_z.z) * y;
+    // T'(p) = mu / ((1 + mu p) ln(1 + mu)); the factors hold all but 1 / (1 + mu p).
+    let by_difference = sign(x - y) * config.l1_factor + (x - y) * config.l2_factor;
+    let by_value = by_ssim * config.ssim_factor + by_difference;
+    let gradient = weight * by_value / (1.0 + config.mu * radiance);
+    // Pixels of weight 0 entered the windows with the target's values, which do not depend on the
+    // prediction.
+    let moved = select(vec3f(0.0), gradient * gain_at(at), weight > 0.0) / f32(camera.samples * camera.samples);
+    for (var row = 0u; row < camera.samples; row++) {
+        let first = (at.y * camera.samples + row) * camera.size_px.x + at.x * camera.samples;
+        for (var sample = first; sample < first + camera.samples; sample++) {
+            pixel_gradients[sample] = vec4f(moved, f32(last_entries[sample]));
         }
     }
 }
 
-@compute @workgroup_size(256)
-fn loss_report(@builtin(local_invocation_index) local: u32) {
-    let tiles = (size_px() + SIDE - 1u) / SIDE;
+fn report(local: u32, tiles: vec2u) {
     var total = vec4f(0.0);
     for (var n = local; n < tiles.x * tiles.y; n += 256u) {
         total += group_sums[n];
     }
     add_over_workgroup(local, total);
     if (local == 0u) {
-        let l1 = totals[0].x * config.l1_mean;
-        let ssim = totals[0].y * config.ssim_mean;
-        let difference = config.l1_weight * l1 + config.l2_weight * totals[0].z * config.l1_mean;
+        let l1 = rows[0].x * config.l1_mean;
+        let ssim = rows[0].y * config.ssim_mean;
+        let difference = config.l1_weight * l1 + config.l2_weight * rows[0].z * config.l1_mean;
         let loss = (1.0 - config.ssim_weight) * difference + config.ssim_weight * (1.0 - ssim);
         state.l1 = l1;
         state.ssim = ssim;

@@ -22,19 +22,16 @@ fn vignetting_sums(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invoc
     var sums = vec4f(0.0);
     if (all(at < size)) {
         // All samples of a pixel have the same gradient.
-        var gradient = pixel_gradients[sample_of(at, 0u)].xyz * f32(camera.samples * camera.samples);
-        var by_log_gain = 0.0;
-        for (var channel = 0u; channel < 3u; channel++) {
-            // A pixel without a gradient adds nothing, even if it is NaN.
-            if (gradient[channel] != 0.0) {
-                by_log_gain += gradient[channel] * radiance_at(at, channel);
-            }
-        }
+        let sample = at.y * camera.samples * camera.size_px.x + at.x * camera.samples;
+        let gradient = pixel_gradients[sample].xyz * f32(camera.samples * camera.samples);
+        // A pixel without a gradient adds nothing, even if it is NaN.
+        let by_channel = select(vec3f(0.0), gradient * radiance_at(at), gradient != vec3f(0.0));
+        let by_log_gain = by_channel.x + by_channel.y + by_channel.z;
         let r = radius_squared(at);
         sums = by_log_gain * vec4f(1.0, r, r * r, r * r * r);
     }
     add_over_workgroup(local, sums);
     if (local == 0u) {
-        group_sums[workgroup.y * ((size.x + SIDE - 1u) / SIDE) + workgroup.x] = totals[0];
+        group_sums[workgroup.y * tile_counts(size).x + workgroup.x] = rows[0];
     }
 }

@@ -29,6 +29,7 @@ mod gain;
 mod mix;
 mod parity;
 mod passes;
+mod read_back;
 mod vignetting;
 mod wide;
 mod work;
@@ -53,6 +54,7 @@ const THREAD_ORDER: &[&str] = &[
     "crowded_tiles_match_the_cpu",
     "splats_over_many_tiles_match_the_cpu",
     "equal_inputs_give_equal_bits",
+    "optional_features_do_not_show",
     "contributions_match_the_cpu",
     "blocks_have_the_bits_of_every_splat_that_can_be_seen_in_them",
     "the_work_is_what_pairs_counted_one_by_one_make_it",
@@ -60,9 +62,20 @@ const THREAD_ORDER: &[&str] = &[
 
 /// Returns the tests that `LUXEL_GPU_TESTS` selects.
 fn selected() -> Vec<(&'static str, Body)> {
-    let all =
-        [passes::ALL, parity::ALL, batch::ALL, mix::ALL, gain::ALL, camera::ALL, vignetting::ALL, wide::ALL, work::ALL, contract::ALL]
-            .concat();
+    let all = [
+        passes::ALL,
+        parity::ALL,
+        batch::ALL,
+        mix::ALL,
+        gain::ALL,
+        camera::ALL,
+        vignetting::ALL,
+        wide::ALL,
+        read_back::ALL,
+        work::ALL,
+        contract::ALL,
+    ]
+    .concat();
     for name in THREAD_ORDER {
         assert!(all.iter().any(|(found, _)| found == name), "THREAD_ORDER: there is no test {name}");
     }

@@ -5,7 +5,7 @@
 //! In: a scene, views. Out: a factor on normalised radiance; none where all views are black.
 
 use luxel_core::tone::rec709_of;
-use luxel_core::{Dataset, Engine, Scene, luminance_rec709};
+use luxel_core::{Dataset, Engine, Image, Scene, luminance_rec709};
 use luxel_io::MIDDLE_GREY;
 
 use crate::Result;
@@ -22,9 +22,9 @@ pub(super) fn from_views(scene: &Scene, dataset: &Dataset, engine: &mut dyn Engi
     let views = if dataset.train.is_empty() { &dataset.test } else { &dataset.train };
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let options = scene.render_options();
-    let mut luminance = Vec::new();
+    let (mut luminance, mut image) = (Vec::new(), Image::default());
     for view in views.iter().step_by(views.len().div_ceil(VIEWS).max(1)) {
-        let image = engine.render(&view.camera, &options).context("cannot render a view")?;
+        engine.render_into(&view.camera, &options, &mut image).context("cannot render a view")?;
         luminance.extend(image.pixels.iter().map(|p| luminance_rec709(rec709_of(scene.color_space, *p)).max(0.0)));
     }
     Ok(to_grey(&luminance))

@@ -37,7 +37,11 @@ pub(super) fn samples(
     let near = dark.select((0..dark.len() as u32).filter(is_near));
     let mut measure = |splats: &Splats| -> Result<Vec<Sample>> {
         engine.load(splats, None).context("cannot load the lamp")?;
-        let sample = |camera: &&Camera| Ok(sample(camera, &engine.render(camera, options).context("cannot render the lamp")?, emitter));
+        let mut image = Image::default();
+        let sample = |camera: &&Camera| {
+            engine.render_into(camera, options, &mut image).context("cannot render the lamp")?;
+            Ok(sample(camera, &image, emitter))
+        };
         seeing.iter().map(sample).collect()
     };
     let (whole, unhidden) = (measure(&dark)?, measure(&near)?);

@@ -18,8 +18,8 @@ import { DEPTHS, LAYERS, PACK } from "./layers.js";
  * @property {Structure} state
  * @property {{ compensation: number, smoothing: number, minContribution: number, editGain: number }} flags
  * @property {{ none: number, overflow: number }} halt
- * @property {{ depth: number[][], tile: number[][] }} sorts
- * @property {{ tilePx: number, digitBits: number, maxGroups: number, firstEntries: number, expectedTiles: number, jacobianMargin: number }} numbers
+ * @property {{ depth: number[][], tile: number[][][] }} sorts by tile: for each number of bits of the tiles' numbers
+ * @property {{ tilePx: number, maxGroups: number, firstEntries: number, expectedTiles: number, jacobianMargin: number }} numbers
  * @property {{ [buffer: string]: { bytes: number, terms: { largestOf: string[], per: number, bytes: number }[] } }} extents
  * @property {Dispatch} project
  * @property {{ [digits: string]: Dispatch[] }} afterProjection
@@ -55,8 +55,8 @@ function ownSource(kernel) {
   return [...FORWARD.kernels[after].texts.slice(0, -1).map((n) => FORWARD.texts[n].join("\n")), text].join("\n");
 }
 
-/** Digits of the sort by tile. @param {number} tiles */
-const tileDigits = (tiles) => Math.max(1, Math.ceil((32 - Math.clz32(tiles)) / FORWARD.numbers.digitBits));
+/** Digits of the sort by tile: shift, count, flags, bits. @param {number} tiles */
+const tileSort = (tiles) => FORWARD.sorts.tile[32 - Math.clz32(tiles)];
 
 /** Compiles what renders scenes of a colour model. @param {GPUDevice} device @param {string} model */
 export async function compile(device, model) {
@@ -118,9 +118,12 @@ export class Buffers {
 
   /** Sets the number of splats. @param {number} splats */
   setSplats(splats) {
-    for (const [kind, digits] of /** @type {const} */ ([["DepthSort", FORWARD.sorts.depth], ["TileSort", FORWARD.sorts.tile]])) {
-      digits.forEach(([shift, count, flags, padding], n) => this.uniform(`${kind}(${n})`, new Uint32Array([shift, kind === "DepthSort" ? splats : count, flags, padding])));
-    }
+    FORWARD.sorts.depth.forEach(([shift, , flags, bits], n) => this.uniform(`DepthSort(${n})`, new Uint32Array([shift, splats, flags, bits])));
+  }
+
+  /** Sets the digits of the sort by tile. @param {number} tiles */
+  setTiles(tiles) {
+    tileSort(tiles).forEach((digit, n) => this.uniform(`TileSort(${n})`, new Uint32Array(digit)));
   }
 
   destroy() {
@@ -161,14 +164,14 @@ export class Recorder {
   /** The engine's passes. @param {readonly Shard[]} shards */
   forward(shards) {
     for (const shard of shards) this.dispatch(FORWARD.project, shard);
-    for (const dispatch of FORWARD.afterProjection[tileDigits(this.counts.tiles)]) this.dispatch(dispatch);
+    for (const dispatch of FORWARD.afterProjection[tileSort(this.counts.tiles).length]) this.dispatch(dispatch);
   }
 
   /** Coverage and depth. @param {readonly Shard[]} shards */
   layers(shards) {
     const bound = (/** @type {string[]} */ ...names) => names.map((buffer, slot) => ({ slot, buffer }));
     for (const shard of shards) this.dispatch({ kernel: "depths_of_splats", bindings: bound("Camera", "Shard", "Parameters", "depths"), workgroups: { count: "splats", per: 256 } }, shard);
-    const rasterize = /** @type {Dispatch} */ (FORWARD.afterProjection[tileDigits(this.counts.tiles)].at(-1));
+    const rasterize = /** @type {Dispatch} */ (FORWARD.afterProjection[tileSort(this.counts.tiles).length].at(-1));
     const bindings = [...rasterize.bindings.filter(({ slot }) => slot < 5), { slot: 5, buffer: "depths" }, { slot: 6, buffer: "layers" }];
     this.dispatch({ kernel: "layers_of_samples", bindings, workgroups: { count: "tiles" } });
   }

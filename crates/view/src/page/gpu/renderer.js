@@ -164,6 +164,7 @@ export class GpuRenderer {
     const { device, buffers } = this;
     const { head } = splats;
     buffers.grow(sizes);
+    buffers.setTiles(sizes.tiles);
     const pixels = lens.width * lens.height;
     const pairs = Math.ceil(pixels / 2);
     const named = (/** @type {string} */ name) => /** @type {GPUBuffer} */ (buffers.named.get(name));
