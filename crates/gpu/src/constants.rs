@@ -9,12 +9,22 @@ use luxel_core::engine::{ADAM_EPSILON, MIN_AREA_RATIO};
 use luxel_core::{Activation, ColorModel, Component, DEAD_CHROMA_FLOOR, MAX_EXP_ARGUMENT, SH_OFFSET, sh};
 use luxel_core::{SSIM_C1, SSIM_C2, SSIM_RADIUS, ssim_window};
 
-use crate::kernels::Update;
 use crate::layout::{
     BLOCK_PX, BLOCKS, BUCKET, CULLED_KEY, DENSIFY_CAP, DENSIFY_SMOOTHING, DIGITS, FLAG_ABSOLUTE, FLAG_COMPENSATION, FLAG_EDIT_GAIN,
     FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING, FLAG_TRAINING, GATHER_ALONE, HALT_NONE, HALT_NOT_FINITE, HALT_OVERFLOW, MARGIN_PX, MAX_GROUPS,
     PLAN_KEEP_MOMENTS, PLAN_NEW_OPACITY, SORT_BLOCK, SORT_COMPACT, SORT_ENTRIES, SORT_IDENTITY, SORT_VISIBLE, TILE_PX,
 };
+
+/// Whether the update moves parameters, or only returns their gradients or that by the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Update {
+    /// Adam.
+    Parameters,
+    /// Gradients are stored in place of the first moments.
+    OnlyGradients,
+    /// Nothing is stored but the gradient by the camera.
+    OnlyCamera,
+}
 
 /// Returns the constants in front of every shader.
 pub(crate) fn constants() -> String {

@@ -24,11 +24,8 @@ use crate::image_copy::{ImageCopy, image_bytes};
 use crate::layout::{HALT_NOT_FINITE, HALT_OVERFLOW, State};
 use crate::pending::{Pending, Report, Slots};
 use crate::scene::{GpuScene, shard_len};
-use crate::screen::{
-    Purpose, SceneFacts, camera_uniform, check, lens_uniform, loss_uniform, mu_law_parameter, optimizer_uniform, pixel_kind, supersampled,
-    tiles,
-};
-use crate::step::{GradientOutput, Recorder, VignettingKind};
+use crate::screen::{Purpose, SceneFacts, camera_uniform, check, lens_uniform, pixel_kind, supersampled, tiles};
+use crate::step::{GradientOutput, Recorder, write_step};
 use crate::targets::Targets;
 
 mod batch;
@@ -296,18 +293,7 @@ impl GpuEngine {
         if pixels == PixelKind::Rays {
             gpu.queue.write_buffer(&frame.lens.raw, 0, bytemuck::bytes_of(&lens_uniform(camera)));
         }
-        let target = match work.training() {
-            None => None,
-            Some((view, step)) => {
-                let vignetting = VignettingKind::of(view);
-                let target = targets.get(gpu, view)?;
-                let loss = loss_uniform(&step.loss, view, mu_law_parameter(view)?, target.total);
-                gpu.queue.write_buffer(&frame.loss.raw, 0, bytemuck::bytes_of(&loss));
-                let optimizer = optimizer_uniform(step, scene.count);
-                gpu.queue.write_buffer(&frame.optimizer.raw, 0, bytemuck::bytes_of(&optimizer));
-                Some((target, vignetting))
-            }
-        };
+        let target = work.training().map(|(view, step)| write_step(gpu, targets, frame, scene.count, view, step)).transpose()?;
         let mut recorder =
             Recorder { gpu, commands, frame, scene, size_px: camera.size_px, samples: *samples, pixels, light: work.light() };
         recorder.forward();

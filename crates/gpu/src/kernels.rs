@@ -8,18 +8,7 @@
 
 use luxel_core::ColorModel;
 
-use crate::constants::{constants, model_constants, windows};
-
-/// Whether the update moves parameters, or only returns their gradients or that by the camera.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) enum Update {
-    /// Adam.
-    Parameters,
-    /// Gradients are stored in place of the first moments.
-    OnlyGradients,
-    /// Nothing is stored but the gradient by the camera.
-    OnlyCamera,
-}
+use crate::constants::{Update, constants, model_constants, windows};
 
 /// The identity of a compute shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

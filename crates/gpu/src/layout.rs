@@ -4,8 +4,12 @@
 //! in front of every shader (`constants.rs`). Structures have the shaders' layout byte by byte;
 //! this module's tests compare them by naga.
 
+mod densify;
+
 use bytemuck::{Pod, Zeroable};
 use luxel_core::VIGNETTING_TERMS;
+
+pub(crate) use self::densify::{DensifyUniform, PlanRowData};
 
 /// Side of a tile, pixels: each pixel of a tile is a thread of a workgroup.
 pub(crate) const TILE_PX: u32 = 16;
@@ -289,46 +293,6 @@ pub(crate) struct OptimizerUniform {
     pub(crate) padding_1: u32,
     /// Unused.
     pub(crate) padding_2: u32,
-}
-
-/// A pair of an old and a new shard of a plan. Twin: `Densify` in densify.wgsl.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-pub(crate) struct DensifyUniform {
-    /// First splat of the old shard.
-    pub(crate) source_base: u32,
-    /// Number of splats of the old shard.
-    pub(crate) source_len: u32,
-    /// Length of a row of the old shard.
-    pub(crate) source_stride: u32,
-    /// First row of the new shard in the plan.
-    pub(crate) base: u32,
-    /// Number of rows of the new shard.
-    pub(crate) len: u32,
-    /// Length of a row of the new shard.
-    pub(crate) stride: u32,
-    /// Sum of `DENSIFY_` constants.
-    pub(crate) flags: u32,
-    /// Largest opacity logit, if [`DENSIFY_CAP`] is set.
-    pub(crate) opacity_logit_cap: f32,
-}
-
-/// A row of a plan. Twin: `PlanRow` in densify.wgsl.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C)]
-pub(crate) struct PlanRowData {
-    /// Splat of the old scene.
-    pub(crate) source: u32,
-    /// Sum of `PLAN_` constants.
-    pub(crate) flags: u32,
-    /// Opacity logit, if [`PLAN_NEW_OPACITY`] is set.
-    pub(crate) opacity_logit: f32,
-    /// Added to the log scale.
-    pub(crate) log_scale_shift: f32,
-    /// Offset of the position, standard deviations along the splat's axes.
-    pub(crate) offset_sigma: [f32; 3],
-    /// 3D filter, if [`DENSIFY_SMOOTHING`] is set.
-    pub(crate) smoothing: f32,
 }
 
 /// A splat on the screen. Twin: `Footprint` in footprint.wgsl.

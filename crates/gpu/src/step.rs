@@ -2,17 +2,19 @@
 //!
 //! In: buffers, scene. Out: recorded commands.
 
-use luxel_core::{Pass, View};
+use luxel_core::engine::StepConfig;
+use luxel_core::{EngineError, Pass, View};
 
 use crate::commands::{Binding, Commands, Groups, bind};
+use crate::constants::Update;
 use crate::device::{Buffer, Gpu};
 use crate::forward::{self, Bound, Count, Dispatch, LENS_SLOT, PixelKind, SPLATS, Workgroups};
 use crate::frame::{StepBuffers, tile_digits};
-use crate::kernels::{KernelId, Update};
+use crate::kernels::KernelId;
 use crate::layout::Dispatches;
 use crate::scene::{GpuScene, Shard};
-use crate::screen::tiles;
-use crate::targets::Target;
+use crate::screen::{loss_uniform, mu_law_parameter, optimizer_uniform, tiles};
+use crate::targets::{Target, Targets};
 
 /// Splats per workgroup of `project_backward` and `camera_backward`, which hold more per thread.
 const SPLATS_BACKWARD: u64 = 128;
@@ -34,6 +36,22 @@ impl VignettingKind {
     pub(crate) fn of(view: &View) -> Self {
         if view.target.vignetting.is_some() { Self::Learned } else { Self::None }
     }
+}
+
+/// Writes what a training step needs beside its camera; returns the view's target.
+pub(crate) fn write_step<'t>(
+    gpu: &Gpu,
+    targets: &'t mut Targets,
+    frame: &StepBuffers,
+    splats: usize,
+    view: &View,
+    step: &StepConfig,
+) -> Result<(&'t Target, VignettingKind), EngineError> {
+    let target = targets.get(gpu, view)?;
+    let loss = loss_uniform(&step.loss, view, mu_law_parameter(view)?, target.total);
+    gpu.queue.write_buffer(&frame.loss.raw, 0, bytemuck::bytes_of(&loss));
+    gpu.queue.write_buffer(&frame.optimizer.raw, 0, bytemuck::bytes_of(&optimizer_uniform(step, splats)));
+    Ok((target, VignettingKind::of(view)))
 }
 
 /// The buffers, one per shard, into which a backward pass writes gradients in the place of first

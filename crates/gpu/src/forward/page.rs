@@ -12,9 +12,9 @@ use luxel_core::{Activation, ColorModel};
 use serde_json::{Map, Value, json};
 
 use super::{Dispatch, PixelKind, Resource, Workgroups, bin, project, rasterize, sort_by_depth, sort_by_tile};
-use crate::constants::{constants, model_constants};
+use crate::constants::{Update, constants, model_constants};
 use crate::frame::{EXPECTED_TILES, FIRST_ENTRIES, TILE_DIGITS, depth_sorts, tile_sorts};
-use crate::kernels::{KernelId, Update, source};
+use crate::kernels::{KernelId, source};
 use crate::layout::{
     DIGIT_BITS, FLAG_COMPENSATION, FLAG_EDIT_GAIN, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING, HALT_NONE, HALT_OVERFLOW, MAX_GROUPS,
     SortUniform, TILE_PX,

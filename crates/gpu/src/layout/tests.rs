@@ -3,7 +3,8 @@
 use luxel_core::ColorModel;
 
 use super::*;
-use crate::kernels::{KernelId, Update, source};
+use crate::constants::Update;
+use crate::kernels::{KernelId, source};
 
 /// A structure's name, size, and its fields' names and offsets as the shader has them.
 fn shader_struct(kernel: KernelId, name: &str) -> (u32, Vec<(String, u32)>) {
