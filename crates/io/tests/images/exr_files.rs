@@ -354,7 +354,7 @@ fn written_exr_holds_camera_depth_opacity_normals_and_kind_of_map() {
     assert_eq!(own.other[&Text::from("luxel:focal_px")], AttributeValue::FloatVec2(Vec2(5.0, 6.0)));
     assert_eq!(own.other[&Text::from("luxel:radiance_scale")], AttributeValue::F32(0.5));
     let short = ExrOptions { alpha: Some(vec![0.0; 3]), ..ExrOptions::default() };
-    assert!(encode_exr(Path::new("a.exr"), &image, &short).unwrap_err().message.contains("3 values of opacity"));
+    assert!(encode_exr(Path::new("a.exr"), &image, &short).unwrap_err().message.contains("3 values of a channel"));
 }
 
 #[test]
@@ -386,4 +386,21 @@ fn half_clamps_and_counts_what_it_cannot_hold() {
     assert_eq!(write_exr(&path, &image, &ExrOptions::default()).unwrap(), 3);
     let found = read_image(&path, &UNSAID).unwrap().image.pixels;
     assert_eq!((found[0], found[1][0], found[1][1].is_nan(), found[1][2]), ([65504.0; 3], -65504.0, true, 1.0));
+}
+
+#[test]
+fn further_channels_keep_their_numbers_and_the_order_of_names() {
+    let image = Radiance::filled(2, 1, [1.0, 2.0, 3.0]);
+    let planes = vec![
+        ExrPlane { name: "id".to_owned(), values: PlaneValues::Whole(vec![7, u32::MAX]) },
+        ExrPlane { name: "forward.u".to_owned(), values: PlaneValues::Float(vec![-0.5, 1e6]) },
+    ];
+    let bytes = encode_exr(Path::new("a.exr"), &image, &ExrOptions { planes, ..ExrOptions::default() }).unwrap();
+    let file = read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer().all_attributes();
+    let layer = file.from_buffered(Cursor::new(bytes)).unwrap().layer_data;
+    let channels = &layer.channel_data.list;
+    let names: Vec<String> = channels.iter().map(|channel| channel.name.to_string()).collect();
+    assert_eq!(names, ["B", "G", "R", "forward.u", "id"]);
+    assert_eq!(channels[4].sample_data, FlatSamples::U32(vec![7, u32::MAX]));
+    assert_eq!(channels[3].sample_data, FlatSamples::F32(vec![-0.5, 1e6]));
 }

@@ -15,8 +15,8 @@ use std::path::Path;
 use luxel_core::environment::Projection;
 use luxel_core::{Camera, ColorSpace, Distortion, Image as Radiance, Remedy};
 use luxel_io::{
-    DecodedImage, ExrOptions, ExrSample, IoError, IoErrorKind, ReadOptions, SampleDepth, Transfer, decode_image, encode_exr, encode_png,
-    image_size, read_image, write_exr, write_png,
+    DecodedImage, ExrOptions, ExrPlane, ExrSample, IoError, IoErrorKind, PlaneValues, ReadOptions, SampleDepth, Transfer, decode_image,
+    encode_exr, encode_png, image_size, read_image, write_exr, write_png,
 };
 
 const LINEAR: ReadOptions = ReadOptions { transfer: Some(Transfer::Linear), layer: None };
