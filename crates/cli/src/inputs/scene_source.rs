@@ -59,6 +59,17 @@ impl<'a> DataRequest<'a> {
 }
 
 impl SceneSource {
+    /// Returns the luminance of one unit of the scene's data set, cd/m2; `None` where it is not
+    /// calibrated.
+    pub(crate) fn cd_m2_per_unit(&self, request: DataRequest<'_>) -> Option<f64> {
+        let path = match (&self.run, request.data) {
+            (Some((folder, config)), _) => request.of_run(folder, config).ok()?.0,
+            (None, Some(path)) => path.to_owned(),
+            (None, None) => return None,
+        };
+        luxel::prepare::cd_m2_per_unit(&path)
+    }
+
     /// Reads the scene at `path`.
     pub(crate) fn open(path: &Path, console: &Console) -> Result<Self> {
         if path.is_dir() {
@@ -156,17 +167,6 @@ impl SceneSource {
     /// black.
     pub(crate) fn background_radiance(&self) -> [f32; 3] {
         self.run.as_ref().map_or([0.0; 3], |(_, config)| config.train.background)
-    }
-
-    /// Returns the luminance of one unit of the scene's data set, cd/m2; `None` where it is not
-    /// calibrated.
-    pub(crate) fn cd_m2_per_unit(&self, request: DataRequest<'_>) -> Option<f64> {
-        let path = match (&self.run, request.data) {
-            (Some((folder, config)), _) => request.of_run(folder, config).ok()?.0,
-            (None, Some(path)) => path.to_owned(),
-            (None, None) => return None,
-        };
-        luxel::prepare::cd_m2_per_unit(&path)
     }
 }
 
