@@ -180,6 +180,21 @@ def test_a_body_comes_to_rest_on_a_collider() -> None:
     assert height == pytest.approx(0.2, abs=0.05)
 
 
+def test_colours_that_blender_would_take_for_others_are_refused(scene: luxel.Scene, dataset: luxel.Dataset, out: Path, tmp_path: Path) -> None:
+    cg_object = pytest.importorskip("cg_object")
+    camera = dataset.train[0].camera
+    (tmp_path / "plates").mkdir()
+    plate = luxel.convert_color_space(scene.render(camera, device="cpu"), "linear-rec709", "acescg")
+    luxel.write_exr(tmp_path / "plates" / "0.exr", plate, color_space="acescg")
+    scene.lights(dataset, medians=20, map=False, color_space="acescg").save(tmp_path / "lights.usda")
+    for lights, plates in ((out / "lights.usda", tmp_path / "plates"), (tmp_path / "lights.usda", out / "plates")):
+        words = [lights, out / "proxy.usdc", out / "cameras.usda", plates, tmp_path / "shot", "--size", "0.3", "--pixel", "16,12"]
+        with pytest.raises(ValueError, match="lin_ap1_scene, expected lin_rec709_scene"):
+            cg_object.run(cg_object.arguments_of([str(word) for word in words]))
+    with pytest.raises(ValueError, match="lin_ap1_scene"):
+        luxel_blender.set_world_light(tmp_path / "plates" / "0.exr")
+
+
 def test_an_object_is_composited_with_its_shadow(out: Path, tmp_path: Path) -> None:
     cg_object = pytest.importorskip("cg_object")
     words = [out / "lights.usda", out / "proxy.usdc", out / "cameras.usda", out / "plates", tmp_path / "shot"]

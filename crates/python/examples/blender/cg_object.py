@@ -351,6 +351,16 @@ def numbers(text: str, count: int, option: str) -> tuple[float, ...]:
     return values
 
 
+def check_usd_space(path: Path) -> None:
+    """Refuses lamps and meshes of another colour space than Blender's own, as far as their file states it as text or bytes."""
+    if not path.is_file():
+        raise ValueError(f"{path}: no such file")
+    content = path.read_bytes()
+    others = [space for space in (b"lin_ap1_scene", b"lin_ap0_scene", b"lin_rec2020_scene", b"lin_p3d65_scene") if space in content]
+    if others:
+        raise ValueError(f"{path}: colours are {others[0].decode()}, expected lin_rec709_scene; write it with --output-color-space linear-rec709")
+
+
 def plates_of(path: Path) -> list[Path]:
     """Returns the plates of a folder in the order of their names, or the one that a path names."""
     plates = sorted(path.glob("*.exr")) if path.is_dir() else [path]
@@ -362,6 +372,12 @@ def plates_of(path: Path) -> list[Path]:
 def run(given: argparse.Namespace) -> None:
     """Does everything, from the files to the composites."""
     plates = plates_of(given.plates)
+    for path in plates:
+        luxel_blender.check_linear_rec709(path)
+    for path in (given.lights, given.proxy):
+        check_usd_space(path)
+    if given.size <= 0 or (given.near is not None and given.near <= 0) or given.samples < 1:
+        raise ValueError("--size and --near: expected lengths above 0; --samples: expected 1 or more")
     lamps, proxy, cameras = open_scene(given.lights, given.proxy, given.cameras)
     first = read_image(plates[0])
     size = (first.shape[1], first.shape[0])

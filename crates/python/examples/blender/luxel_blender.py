@@ -47,6 +47,7 @@ def blender_from_world(map_from_world: list[list[float]] | None) -> Matrix:
 
 def set_world_light(path: str | Path, strength: float = 1.0) -> bpy.types.World:
     """Lights the scene with a probe, an OpenEXR file in latitude and longitude."""
+    check_linear_rec709(path)
     world = bpy.data.worlds.new("Luxel probe")
     world.use_nodes = True
     nodes, links = world.node_tree.nodes, world.node_tree.links
@@ -145,15 +146,10 @@ def show_plate(path: str | Path) -> None:
     bpy.context.scene.render.film_transparent = True
 
 
-def read_depth(path: str | Path) -> np.ndarray:
-    """Returns channel Z [height, width] of an OpenEXR file as `luxel render --depth` writes it.
-
-    Blender gives scripts the colours of an image and its alpha, but not its depth.
-    """
-    data = Path(path).read_bytes()
-    wrong = ValueError(f"{path}: expected an OpenEXR file of scan lines with ZIP compression, and Z in 32 bits")
+def exr_header(data: bytes) -> tuple[dict[str, bytes], int] | None:
+    """Returns the attributes of an OpenEXR file of scan lines, and where its header ends; None for another file."""
     if data[:8] != struct.pack("<II", 20000630, 2) and data[:8] != struct.pack("<II", 20000630, 0x402):
-        raise wrong
+        return None
     attributes, at = {}, 8
     while data[at]:
         name = data[at : data.index(0, at)]
@@ -163,7 +159,28 @@ def read_depth(path: str | Path) -> np.ndarray:
         (size,) = struct.unpack_from("<I", data, at)
         attributes[name.decode()] = data[at + 4 : at + 4 + size]
         at += 4 + size
-    at += 1
+    return attributes, at + 1
+
+
+def check_linear_rec709(path: str | Path) -> None:
+    """Refuses an OpenEXR file that states another colour space than Blender's own, which Blender would not heed."""
+    header = exr_header(Path(path).read_bytes())
+    space = header[0].get("colorInteropID", b"").decode() if header else ""
+    if space not in {"", "lin_rec709_scene"}:
+        raise ValueError(f"{path}: colours are {space}, expected lin_rec709_scene; write it with --output-color-space linear-rec709")
+
+
+def read_depth(path: str | Path) -> np.ndarray:
+    """Returns channel Z [height, width] of an OpenEXR file as `luxel render --depth` writes it.
+
+    Blender gives scripts the colours of an image and its alpha, but not its depth.
+    """
+    data = Path(path).read_bytes()
+    wrong = ValueError(f"{path}: expected an OpenEXR file of scan lines with ZIP compression, and Z in 32 bits")
+    header = exr_header(data)
+    if header is None:
+        raise wrong
+    attributes, at = header
     channels, place = [], 0
     while attributes["channels"][place]:
         end = attributes["channels"].index(0, place)
@@ -317,7 +334,11 @@ class LUXEL_OT_world_light(bpy.types.Operator, ImportHelper):  # noqa: N801
     filter_glob: StringProperty(default="*.exr", options={"HIDDEN"})  # type: ignore[valid-type]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        set_world_light(self.filepath)
+        try:
+            set_world_light(self.filepath)
+        except ValueError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
         return {"FINISHED"}
 
 
