@@ -32,6 +32,20 @@ pub struct View {
 }
 
 impl View {
+    /// Returns a view of radiance all of whose pixels count fully.
+    pub fn of_radiance(name: impl Into<String>, camera: Camera, image: Image) -> Self {
+        Self {
+            name: name.into(),
+            camera,
+            image: image.into(),
+            values: PixelValues::Radiance,
+            noise: None,
+            mask: None,
+            recordings: Vec::new(),
+            target: Target::default(),
+        }
+    }
+
     /// Returns the last part of the name: `000` for `images/000`.
     pub fn stem(&self) -> &str {
         self.name.rsplit('/').next().unwrap_or(&self.name)

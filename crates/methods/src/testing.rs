@@ -1,7 +1,7 @@
 //! Small scenes for tests.
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
-use luxel_core::{Camera, CameraProjection, ColorSpace, Dataset, Distortion, Image, PixelValues, Target, View};
+use luxel_core::{Camera, CameraProjection, ColorSpace, Dataset, Distortion, Image, View};
 
 /// A camera at `eye` that looks along +z, with a focal length of the image's width.
 pub(crate) fn camera_at(eye: [f64; 3], size_px: [u32; 2]) -> Camera {
@@ -24,16 +24,7 @@ pub(crate) fn camera_looking_at(eye: DVec3, target: DVec3, size_px: [u32; 2]) ->
 }
 
 pub(crate) fn view_of(name: &str, camera: Camera, image: Image) -> View {
-    View {
-        name: name.to_owned(),
-        camera,
-        image: image.into(),
-        values: PixelValues::Radiance,
-        noise: None,
-        mask: None,
-        recordings: Vec::new(),
-        target: Target::default(),
-    }
+    View::of_radiance(name, camera, image)
 }
 
 /// A data set with the training views `train` and without points.

@@ -6,8 +6,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use luxel_core::{
-    Camera, CameraProjection, ColorSpace, Dataset, Distortion, Exchange, ExchangeError, Image, Mask, OnDemand, PixelValues, ReadError,
-    Source, Target, View,
+    Camera, CameraProjection, ColorSpace, Dataset, Distortion, Exchange, ExchangeError, Image, Mask, OnDemand, ReadError, Source, View,
 };
 
 /// A camera at `eye` that looks along +z, with a focal length of the image's width.
@@ -31,16 +30,7 @@ pub(crate) fn camera_looking_at(eye: DVec3, target: DVec3, size_px: [u32; 2]) ->
 }
 
 pub(crate) fn view_of(name: &str, camera: Camera, image: Image) -> View {
-    View {
-        name: name.to_owned(),
-        camera,
-        image: image.into(),
-        values: PixelValues::Radiance,
-        noise: None,
-        mask: None,
-        recordings: Vec::new(),
-        target: Target::default(),
-    }
+    View::of_radiance(name, camera, image)
 }
 
 /// A data set with the training views `train` and without points.

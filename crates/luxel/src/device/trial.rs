@@ -6,7 +6,7 @@
 
 use std::time::{Duration, Instant};
 
-use luxel_core::{Engine, PixelValues, RenderOptions, Splats, Target, View, synthetic};
+use luxel_core::{Engine, RenderOptions, Splats, View, synthetic};
 
 use crate::Result;
 use crate::bench::Protocol;
@@ -29,16 +29,7 @@ pub(super) fn step_time(engine: &mut dyn Engine) -> Result<Duration> {
     engine.load(&splats, None).context("cannot load the room")?;
     let render = RenderOptions::default();
     let image = engine.render(&camera, &render).context("cannot render the room")?;
-    let view = View {
-        name: "room".into(),
-        camera,
-        image: image.into(),
-        values: PixelValues::Radiance,
-        noise: None,
-        mask: None,
-        recordings: Vec::new(),
-        target: Target::default(),
-    };
+    let view = View::of_radiance("room", camera, image);
     let protocol = Protocol { render, mu: luxel_core::tone::MU, warmup: 1, steps: STEPS };
     let mut fastest = Duration::MAX;
     for number in 0..=STEPS {

@@ -4,8 +4,8 @@
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use luxel_core::{
-    Camera, CameraProjection, ColorModel, ColorSpace, Dataset, Distortion, Engine, Image, OnDemand, PixelValues, Point, RenderOptions,
-    Splat, Splats, Target, View, logit,
+    Camera, CameraProjection, ColorModel, ColorSpace, Dataset, Distortion, Engine, Image, OnDemand, Point, RenderOptions, Splat, Splats,
+    View, logit,
 };
 use luxel_cpu::CpuEngine;
 use luxel_train::TrainConfig;
@@ -62,16 +62,7 @@ pub(crate) fn dataset() -> Dataset {
     let mut view = |name: &str, eye: DVec3| {
         let camera = camera(eye);
         let image = engine.render(&camera, &RenderOptions::default()).unwrap();
-        View {
-            name: name.to_owned(),
-            camera,
-            image: image.into(),
-            values: PixelValues::Radiance,
-            noise: None,
-            mask: None,
-            recordings: Vec::new(),
-            target: Target::default(),
-        }
+        View::of_radiance(name, camera, image)
     };
     let ring = |i: f64| DVec3::new((i * 0.5).sin() * 4.0, -0.8 + 0.3 * i, -(i * 0.5).cos() * 4.0);
     let train = (0..6).map(|i| view(&format!("train/{i}"), ring(f64::from(i)))).collect();

@@ -5,8 +5,8 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use luxel::output;
 use luxel_core::{
-    Camera, ColorModel, ColorSpace, Cutoffs, Engine, Image, PixelValues, RadianceScale, RasterConfig, RenderOptions, Scene, Similarity,
-    Splats, Target, View, spatial_order, synthetic,
+    Camera, ColorModel, ColorSpace, Cutoffs, Engine, Image, RadianceScale, RasterConfig, RenderOptions, Scene, Similarity, Splats, View,
+    spatial_order, synthetic,
 };
 use luxel_io::ReadOptions;
 use luxel_train::{Method, NamedChoice, TrainConfig};
@@ -68,16 +68,7 @@ impl Workload {
             splats = splats.select(spatial_order(&splats.position));
         }
         engine.load(&splats, None).context("cannot load the workload")?;
-        let view = View {
-            name: source.name.clone(),
-            camera,
-            image: image.into(),
-            values: PixelValues::Radiance,
-            noise: None,
-            mask: None,
-            recordings: Vec::new(),
-            target: Target::default(),
-        };
+        let view = View::of_radiance(source.name.clone(), camera, image);
         Ok(Self { name: source.name, method: splats.color_model.name(), splats: splats.len(), target, view, render })
     }
 }
