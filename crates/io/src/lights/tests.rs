@@ -56,7 +56,7 @@ fn a_layer_holds_radiance_as_intensity_times_colour() {
     }
     let none = StageLights { lights: Vec::new(), dome: None, metres_per_unit: None, cd_m2_per_unit: None, ..lights() };
     let text = stage_lights_text(&none);
-    assert!(text.contains("metersPerUnit is not measured") && text.contains("units that are not calibrated"));
+    assert!(text.contains("metersPerUnit is not measured") && text.contains("radiance in the units of the data set"));
 }
 
 #[test]

@@ -16,7 +16,7 @@ pub fn stage_lights_text(lights: &StageLights) -> String {
     let unit = match lights.cd_m2_per_unit {
         Some(1.0) => " in cd/m2 (nits)".to_owned(),
         Some(nits) => format!(" in units of {nits} cd/m2 (nits)"),
-        None => " in units that are not calibrated".to_owned(),
+        None => " in the units of the data set".to_owned(),
     };
     let mut text = format!(
         "#usda 1.0\n(\n    defaultPrim = \"Lights\"\n    doc = \"Lights by Luxel: intensity times colour is radiance{unit}, {space}{doubt}\"\n    \
