@@ -43,7 +43,7 @@ pub(crate) struct ExportArgs {
     pub(crate) degree: u8,
     /// Improve a display bake for N steps of training against tone-mapped renders of the data set's
     /// training views: its colours, opacities and sizes. An exact model beside it stays as it is; 0
-    /// leaves it out [default: 300, on at most 64 views of at most a megapixel each].
+    /// leaves it out [default: 100, on at most 64 views of at most a megapixel each].
     #[arg(long, value_parser = clap::value_parser!(u32).range(..=1_000_000), value_name = "N", help_heading = "Colour")]
     pub(crate) refine: Option<u32>,
     /// Only splats whose centre is in this box, world units of the scene: x0,y0,z0,x1,y1,z1.

@@ -7,10 +7,10 @@
 //! to the renders of the radiance scene: at first each splat's radiance times the curve's gain
 //! where it is visible ([`super::gain`]), and then for some steps by training with these renders,
 //! tone-mapped, as targets: 0.8 L1 + 0.2 (1 - SSIM) on display values, by Adam. Its steps are about
-//! as long as its rate: that of harmonics lets a constant term move by [`REACH`] in any number of
-//! steps, and falls to a tenth; higher terms move a twentieth as far, as in training. Views come in
-//! a fixed shuffled order, so that equal inputs give equal files. At the end, harmonics are drawn
-//! towards their mean where they would be negative.
+//! as long as its rates, which follow from how far a parameter may move in all steps together
+//! ([`Reach`]) and fall to a tenth; higher terms of the harmonics move a twentieth as far as the
+//! constant one, as in training. Views come in a fixed shuffled order, so that equal inputs give
+//! equal files. At the end, harmonics are drawn towards their mean where they would be negative.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -26,9 +26,8 @@ use crate::error::Context;
 use crate::run::engine_bytes;
 use crate::{Event, Observer, Result, memory, text};
 
-/// Steps of refinement unless a number is given: the error falls to a tenth and further steps add
-/// little.
-pub const DEFAULT_REFINE_STEPS: u32 = 300;
+/// Steps of refinement unless a number is given.
+pub const DEFAULT_REFINE_STEPS: u32 = 100;
 
 /// Bounds of refinement by default, which keep its time to that of some hundred training steps:
 /// views, at an even stride, and pixels of each.
@@ -116,17 +115,31 @@ pub fn write_with_refined_display(
     luxel_io::write_exact_ply(path, &scene, &baked).context("cannot write the scene")
 }
 
-/// Sum of the rates over all steps: 1 of display value is 3.5 of the constant term.
-const REACH: f32 = 10.0;
-/// Rates of the constant term at the first step: those between which Adam neither crawls nor
-/// overshoots.
-const DC_RATES: [f32; 2] = [2.5e-3, 5e-2];
-/// Higher terms' part of that.
+/// How far a parameter may move.
+#[derive(Clone, Copy)]
+struct Reach {
+    /// Sum of the rates over all steps.
+    sum: f32,
+    /// Rates at the first step: those between which Adam neither crawls nor overshoots.
+    rates: [f32; 2],
+}
+
+impl Reach {
+    /// Of the harmonics' constant term, 3.5 of which are 1 of display value.
+    const DC: Self = Self { sum: 10.0, rates: [2.5e-3, 0.1] };
+    /// Of logits of opacity.
+    const OPACITY: Self = Self { sum: 20.0, rates: [0.05, 0.5] };
+    /// Of logarithms of scales.
+    const SCALE: Self = Self { sum: 2.0, rates: [0.005, 0.05] };
+
+    /// Returns the rate at the first of `steps`.
+    fn rate(self, steps: u32) -> f32 {
+        (self.sum / (MEAN * steps as f32)).clamp(self.rates[0], self.rates[1])
+    }
+}
+
+/// Higher terms' part of the constant term's rate.
 const REST: f32 = 1.0 / 20.0;
-/// Rates of opacity logits and of scales' logarithms at the first step, as in training; they fall
-/// as the others do.
-const OPACITY_RATE: f32 = 0.05;
-const SCALE_RATE: f32 = 0.005;
 /// Rates at the last step are this part of the first one's: on average, 0.39 of them.
 const LAST: f32 = 0.1;
 const MEAN: f32 = 0.39;
@@ -150,7 +163,7 @@ pub(super) fn refine(
     gains.apply(baked, scene);
     engine.load(&baked.scene.splats, None).context("cannot load the bake")?;
     let render = baked.scene.render_options();
-    let dc_rate = (REACH / (MEAN * steps as f32)).clamp(DC_RATES[0], DC_RATES[1]);
+    let [dc_rate, opacity_rate, scale_rate] = [Reach::DC, Reach::OPACITY, Reach::SCALE].map(|reach| reach.rate(steps));
     let (mut first, mut last) = (0.0, 0.0);
     observer.event(Event::StepsBegin { done: 0, total: steps });
     for step in 1..=steps {
@@ -160,8 +173,8 @@ pub(super) fn refine(
             render,
             loss: LossWeights::default(),
             learning_rates: LearningRates {
-                log_scale: SCALE_RATE * decay,
-                opacity_logit: OPACITY_RATE * decay,
+                log_scale: scale_rate * decay,
+                opacity_logit: opacity_rate * decay,
                 sh_dc: dc_rate * decay,
                 sh_rest: REST * dc_rate * decay,
                 ..LearningRates::ZERO
