@@ -72,7 +72,7 @@ fn statistics_are_those_of_the_captured_image_and_its_radiance_without_weight_ch
         trainer.snapshot().unwrap()
     };
     let stats = |hdr_weight: f32| {
-        let config = TrainConfig { densify_from: Some(0), densify_interval: 50, hdr_weight, ..base(200) };
+        let config = TrainConfig { densify_from: Some(0), densify_interval: Some(50), hdr_weight, ..base(200) };
         snapshot(config, 1).stats
     };
     let (without, with) = (stats(0.0), stats(0.6));

@@ -115,7 +115,7 @@ fn radiance_without_weight_changes_no_bit() {
 fn statistics_are_those_of_the_captured_image() {
     let data = pairs();
     let stats = |hdr_weight: f32| {
-        let config = TrainConfig { densify_from: Some(0), densify_interval: 50, hdr_weight, ..base(200) };
+        let config = TrainConfig { densify_from: Some(0), densify_interval: Some(50), hdr_weight, ..base(200) };
         let mut trainer = Trainer::new(&data, config, means()).unwrap();
         trainer.step().unwrap();
         trainer.snapshot().unwrap().stats

@@ -9,9 +9,9 @@
 //!
 //! Published schedules are for 30000 steps. In shorter runs the end of densification and all decays
 //! scale in proportion; in runs below 10000 steps, the start of densification and the increases of
-//! the degree scale too. Two intervals do not scale. Rounds stay 100 steps apart, because a round
-//! needs the statistics of that many views. Resets stay 3000 steps apart, because opacities need a
-//! fixed number of steps to recover: a run of 10000 steps has one reset, at 3000, instead of four.
+//! the degree scale too, and in runs below 9000 steps the interval between rounds, down to 50 steps.
+//! Resets stay 3000 steps apart, because opacities need a fixed number of steps to recover: a run
+//! of 10000 steps has one reset, at 3000, instead of four.
 //! After the last reset, splats need time to prove useless. In 3DGS a whole reset interval of
 //! rounds follows it; here at least a third of an interval must follow, or the reset is left out.
 //!
@@ -43,6 +43,17 @@ const RESET_TAIL_DIVISOR: u32 = 3;
 /// rate of 0.05, a splat's logit takes 140 steps from an opacity of 0.01 to 0.9, and only steps
 /// whose view sees the splat count.
 const RECOVERY_STEPS: u32 = 600;
+
+/// Greatest number of rounds of densification that the steps of a run would have room for, if it
+/// lasted to the end.
+const ROUNDS: u32 = 90;
+
+/// Least and greatest number of steps between two rounds, unless a number is given: a round needs
+/// the statistics of some views, and in short runs many rounds are worth more than good ones.
+const ROUND_INTERVALS: [u32; 2] = [50, 100];
+
+/// Part of the raised rates that is left at the last supersampled step.
+const RAISED_LAST: f64 = 0.1;
 
 /// Number of steps between two updates of the 3D smoothing filter.
 const SMOOTHING_INTERVAL: u32 = 100;
@@ -77,8 +88,8 @@ pub struct Schedule {
     pub samples: (u8, u32),
     /// Steps after which poses are optimised and fixed again; `None` if they are fixed throughout.
     pub poses: Option<[u32; 2]>,
-    /// Number of steps before `end` that are averaged, none of them before densification ends; 0
-    /// for none.
+    /// Number of steps before `end` that are averaged, none of them before densification ends or in
+    /// the first half of the supersampled steps, if there are others; 0 for none.
     pub averaged_steps: u32,
 }
 
@@ -94,7 +105,13 @@ impl Schedule {
         let end = config.iterations;
         let (batch, views) = (config.batch.max(1), iterations.saturating_mul(config.batch.max(1)));
         let steps_of = |views: u32| views.div_ceil(batch);
+        let [least, most] = ROUND_INTERVALS;
+        let default_interval = if is_adc { (views / ROUNDS).clamp(least, most) } else { most };
         let averaged_steps = (f64::from(end) * f64::from(config.average_share)) as u32;
+        let samples = config.raster().samples;
+        let unsampled_steps = if samples > 1 { iterations.saturating_sub(sampled_steps) } else { 0 };
+        let adapted = if unsampled_steps > 0 { unsampled_steps + sampled_steps / 2 } else { 0 };
+        let unaveraged_steps = if unsampled_steps < end { densify_until.max(adapted.min(end)) } else { densify_until };
         Self {
             iterations,
             end,
@@ -103,12 +120,12 @@ impl Schedule {
             sh_interval: config.sh_interval.unwrap_or(steps_of((views / 10).clamp(1, 1000))),
             densify_from: config.densify_from.unwrap_or(steps_of((views / 20).min(500))),
             densify_until,
-            densify_interval: steps_of(config.densify_interval.max(1)),
+            densify_interval: steps_of(config.densify_interval.unwrap_or(default_interval).max(1)),
             reset_interval: (is_adc && !is_frozen && config.opacity_reset_interval > 0).then_some(steps_of(config.opacity_reset_interval)),
             reduces_opacity: is_adc && !is_frozen && config.absgrad,
-            samples: (config.raster().samples, iterations.saturating_sub(sampled_steps) + 1),
+            samples: (samples, iterations.saturating_sub(sampled_steps) + 1),
             poses: config.refine_poses.then(|| pose_steps(config, iterations)),
-            averaged_steps: averaged_steps.min(end.saturating_sub(densify_until)),
+            averaged_steps: averaged_steps.min(end.saturating_sub(unaveraged_steps)),
         }
     }
 
@@ -219,6 +236,18 @@ impl Schedule {
         is_due.then(|| f64::from(step - from - 1) / f64::from(until - from))
     }
 
+    /// Returns the factor of all rates in `step`: above 1 where supersampling begins after other
+    /// steps, because what several samples see of a pixel asks for other splats than one did, when
+    /// most rates are spent or make steps too small for the few that are left.
+    fn raise(&self, config: &TrainConfig, step: u32) -> f32 {
+        let (samples, first) = self.samples;
+        if config.samples_lr <= 0.0 || samples <= 1 || first <= 1 || step < first {
+            return 1.0;
+        }
+        let progress = f64::from(step - first) / f64::from(self.iterations.saturating_sub(first).max(1));
+        config.samples_lr * RAISED_LAST.powf(progress.min(1.0)) as f32
+    }
+
     /// Returns the learning rates of `step`.
     pub fn learning_rates(&self, config: &TrainConfig, step: u32) -> LearningRates {
         let progress = (f64::from(step) / f64::from(self.iterations.max(1))).min(1.0);
@@ -235,6 +264,7 @@ impl Schedule {
             luminance_dc: luminance,
             luminance_rest: luminance / REST_LR_DIVISOR,
         };
+        let rates = rates.times(self.raise(config, step));
         // Engines leave parameters with a rate of 0 as they are, to the bit.
         if config.freezes_geometry() {
             LearningRates { position: 0.0, rotation: 0.0, log_scale: 0.0, opacity_logit: 0.0, ..rates }
@@ -287,7 +317,7 @@ mod tests {
             let config = TrainConfig { iterations, batch, ..TrainConfig::default() };
             Schedule::new(&config, iterations, 2.0)
         };
-        for (one, four) in [(of(30_000, 1), of(7500, 4)), (of(2000, 1), of(500, 4))] {
+        for (one, four) in [(of(30_000, 1), of(7500, 4)), (of(8000, 1), of(2000, 4))] {
             let steps = |s: &Schedule, is_due: fn(&Schedule, u32) -> bool| {
                 (1..=s.iterations).filter(|step| is_due(s, *step)).map(|step| step * s.batch).collect::<Vec<u32>>()
             };
@@ -323,6 +353,16 @@ mod tests {
         assert_eq!(averaged(TrainConfig { densify_until: Some(19), ..config(20, 0.15) }), [20]);
         assert_eq!(averaged(TrainConfig { densify_until: Some(50), ..config(20, 0.15) }), Vec::<u32>::new());
         assert_eq!(averaged(config(20, 0.0)), Vec::<u32>::new());
+    }
+
+    #[test]
+    fn only_steps_that_have_adapted_to_supersampling_are_averaged() {
+        let averaged = |samples, samples_share| {
+            let config =
+                TrainConfig { samples: Some(samples), samples_share, average_share: 0.15, iterations: 1000, ..TrainConfig::default() };
+            Schedule::new(&config, 1000, 2.0).averaged_steps
+        };
+        assert_eq!([averaged(2, 0.4), averaged(2, 0.12), averaged(2, 0.0), averaged(2, 1.0), averaged(1, 0.12)], [150, 60, 150, 150, 150]);
     }
 
     #[test]
@@ -363,6 +403,24 @@ mod tests {
     }
 
     #[test]
+    fn rates_rise_where_supersampling_begins_and_fall_to_the_end() {
+        let factors = |samples_share: f32, samples_lr: f32| {
+            let config = TrainConfig { samples: Some(2), samples_share, samples_lr, iterations: 1000, ..TrainConfig::default() };
+            let plain = TrainConfig { samples: Some(1), ..config.clone() };
+            let rates = |config: &TrainConfig, step| Schedule::new(config, 1000, 2.0).learning_rates(config, step);
+            [880, 881, 1000, 1100].map(|step| {
+                let (raised, plain) = (rates(&config, step), rates(&plain, step));
+                let factor = raised.position / plain.position;
+                assert!((raised.luminance_rest / plain.luminance_rest - factor).abs() < 1e-4 * factor);
+                (100.0 * factor).round() / 100.0
+            })
+        };
+        assert_eq!(factors(0.12, 4.0), [1.0, 4.0, 0.4, 0.4]);
+        assert_eq!(factors(0.12, 0.0), [1.0; 4]);
+        assert_eq!(factors(1.0, 4.0), [1.0; 4], "there is no step without");
+    }
+
+    #[test]
     fn only_rates_with_a_final_value_decay() {
         let (config, s) = schedule(1000);
         let decaying =
@@ -395,7 +453,7 @@ mod tests {
     fn short_runs_are_short_versions_of_the_long_one() {
         let (_, s) = schedule(2000);
         let rounds: Vec<u32> = (1..=2000).filter(|t| s.densifies_after(*t)).collect();
-        assert_eq!((rounds.first(), rounds.last()), (Some(&200), Some(&900)));
+        assert_eq!((rounds.first(), rounds.last(), rounds.len()), (Some(&150), Some(&950), 17));
         assert!((1..=2000).all(|t| !s.resets_after(t)));
         assert!(!s.has_reset_before(2000), "no reset takes place, so none lies before");
         assert_eq!(s.active_degree(600, 3), 3);

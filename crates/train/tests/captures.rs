@@ -18,7 +18,7 @@ fn run(trainer: &mut Trainer, steps: u32) {
 }
 
 fn base(iterations: u32) -> TrainConfig {
-    TrainConfig { max_splats: Some(800), densify_interval: 50, ..config(iterations) }
+    TrainConfig { max_splats: Some(800), densify_interval: Some(50), ..config(iterations) }
 }
 
 /// The room with images that drift, and their ln gains by view and channel.

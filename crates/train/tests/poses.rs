@@ -14,7 +14,7 @@ use luxel_train::{AlignmentScene, TrainConfig, Trainer, align_camera, pose_chang
 const DEPTH: f64 = 4.0;
 
 fn base(iterations: u32) -> TrainConfig {
-    TrainConfig { max_splats: Some(800), densify_interval: 50, refine_poses: true, ..config(iterations) }
+    TrainConfig { max_splats: Some(800), densify_interval: Some(50), refine_poses: true, ..config(iterations) }
 }
 
 /// The room seen by training cameras that are a pixel off.

@@ -19,7 +19,7 @@ use luxel_train::{ExposureCompensation, LensVignetting, TrainConfig, TrainError,
 const TRUTH: Vignetting = Vignetting { axis_px: [SIDE as f32 / 2.0; 2], unit_px: 33.941_126, log_gain: [0.0, -0.3, -0.7, 0.1] };
 
 fn base(iterations: u32) -> TrainConfig {
-    TrainConfig { max_splats: Some(800), densify_interval: 50, vignetting: true, ..config(iterations) }
+    TrainConfig { max_splats: Some(800), densify_interval: Some(50), vignetting: true, ..config(iterations) }
 }
 
 /// A camera in front of the wall.

@@ -38,6 +38,21 @@ impl LearningRates {
         luminance_dc: 0.0,
         luminance_rest: 0.0,
     };
+
+    /// Returns all rates times a factor.
+    #[must_use]
+    pub fn times(self, factor: f32) -> Self {
+        Self {
+            position: self.position * factor,
+            rotation: self.rotation * factor,
+            log_scale: self.log_scale * factor,
+            opacity_logit: self.opacity_logit * factor,
+            sh_dc: self.sh_dc * factor,
+            sh_rest: self.sh_rest * factor,
+            luminance_dc: self.luminance_dc * factor,
+            luminance_rest: self.luminance_rest * factor,
+        }
+    }
 }
 
 /// Adam's beta_1.

@@ -125,11 +125,11 @@ struct Reach {
 }
 
 impl Reach {
-    /// Of the harmonics' constant term, 3.5 of which are 1 of display value.
+    /// The harmonics' constant term; 3.5 of it are 1 of display value.
     const DC: Self = Self { sum: 10.0, rates: [2.5e-3, 0.1] };
-    /// Of logits of opacity.
+    /// Logits of opacity.
     const OPACITY: Self = Self { sum: 20.0, rates: [0.05, 0.5] };
-    /// Of logarithms of scales.
+    /// Logarithms of scales.
     const SCALE: Self = Self { sum: 2.0, rates: [0.005, 0.05] };
 
     /// Returns the rate at the first of `steps`.

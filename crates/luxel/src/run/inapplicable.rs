@@ -136,6 +136,7 @@ const ANCHOR_OPTIONS: &[&str] = &[
     "antialias",
     "samples",
     "samples_share",
+    "samples_lr",
     "cutoffs",
     "init_points",
     "stereo_points",

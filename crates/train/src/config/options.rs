@@ -84,6 +84,9 @@ options! {
         preset: Preset = Preset::Fast, "PRESET", Range::Any;
         /// Number of training steps, of `batch` views each
         iterations: u32 = 9_000, "N", Range::AtLeast(1);
+        /// Lower the number of steps to this many for each training view, but not below 4500: few
+        /// small images need no more
+        steps_per_view: Option<u32> = None, "N", Range::AtLeast(1), unset: "`iterations` stays; luxel train takes 100 for lcd and sh0 to sh5 with supersampling and preset fast, unless `iterations` or `time` is given";
         /// Number of views that a step trains on, by the mean of their gradients; it takes that
         /// many times as long
         batch: u32 = 1, "N", Range::Limits { min: 1, max: MAX_BATCH as u64 };
@@ -199,7 +202,11 @@ options! {
         /// Supersampling: number of samples along a pixel's side
         samples: Option<u8> = None, "N", Range::Limits { min: 1, max: MAX_SAMPLES as u64 }, unset: "2 where no training image has more than 200000 pixels, 1 for larger images and for methods with networks";
         /// Fraction of the steps, at the end, that use supersampling
-        samples_share: f32 = 0.25, "FRACTION", Range::Share, needs: [Supersampling];
+        samples_share: f32 = 0.12, "FRACTION", Range::Share, needs: [Supersampling];
+        /// Factor of all learning rates at the first step with supersampling, from which it falls
+        /// log-linearly to a tenth of it at the last; 0 leaves the rates as they are, as they are
+        /// where all steps use supersampling
+        samples_lr: f32 = 2.0, "FACTOR", Range::AtLeast(0), needs: [Supersampling];
         /// Cut-offs of the rasteriser
         cutoffs: CutoffPreset = CutoffPreset::Hdr, "CUTOFFS", Range::Any;
     }
@@ -238,7 +245,7 @@ options! {
         /// Step before which densification ends
         densify_until: Option<u32> = None, "STEP", Range::Any, unset: "half of the steps for adc, five sixths for mcmc";
         /// Number of steps between two rounds of densification; with `batch`, of views
-        densify_interval: u32 = 100, "N", Range::AtLeast(1);
+        densify_interval: Option<u32> = None, "N", Range::AtLeast(1), unset: "100; for adc in runs below 9000 steps a ninetieth of them, at least 50";
         /// Mean screen-space gradient (NDC units) above which a splat is cloned or split
         densify_threshold: f32 = 2e-4, "GRADIENT", Range::Positive, needs: [Adc];
         /// Mean absolute gradient (NDC units) above which a splat is split

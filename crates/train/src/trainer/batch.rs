@@ -9,7 +9,7 @@
 use std::ops::Range;
 use std::time::Instant;
 
-use luxel_core::engine::{AdamBetas, LearningRates, ParameterRows, SPLATS_PER_BLOCK, StepConfig};
+use luxel_core::engine::{AdamBetas, ParameterRows, SPLATS_PER_BLOCK, StepConfig};
 use luxel_core::{Exchange, StepReport, View};
 use luxel_metrics::{log_gain, log_gain_of_view};
 
@@ -43,20 +43,6 @@ pub(super) fn rates_of_batch(config: &TrainConfig) -> (f32, AdamBetas) {
         BatchRule::Keep => (1.0, one),
         BatchRule::Sqrt => (views.sqrt(), powers),
         BatchRule::Linear => (views, powers),
-    }
-}
-
-/// Multiplies all rates by a factor.
-pub(super) fn scaled(rates: LearningRates, factor: f32) -> LearningRates {
-    LearningRates {
-        position: rates.position * factor,
-        rotation: rates.rotation * factor,
-        log_scale: rates.log_scale * factor,
-        opacity_logit: rates.opacity_logit * factor,
-        sh_dc: rates.sh_dc * factor,
-        sh_rest: rates.sh_rest * factor,
-        luminance_dc: rates.luminance_dc * factor,
-        luminance_rest: rates.luminance_rest * factor,
     }
 }
 

@@ -178,7 +178,7 @@ mod tests {
     }
 
     fn trainer(agree: bool) -> Trainer {
-        let config = TrainConfig { iterations: 400, densify_from: Some(20), densify_interval: 20, ..TrainConfig::default() };
+        let config = TrainConfig { iterations: 400, densify_from: Some(20), densify_interval: Some(20), ..TrainConfig::default() };
         Trainer::new(&wall(agree), config, Box::new(CpuEngine::new(1).unwrap())).unwrap()
     }
 

@@ -91,7 +91,7 @@ pub(crate) fn config(iterations: u32) -> TrainConfig {
     TrainConfig {
         iterations,
         densify_from: Some(5),
-        densify_interval: 10,
+        densify_interval: Some(10),
         opacity_reset_interval: 0,
         sh_interval: Some(20),
         ..TrainConfig::default()

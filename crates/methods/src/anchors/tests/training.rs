@@ -49,7 +49,7 @@ fn config(method: Method) -> TrainConfig {
         iterations: 60,
         max_splats: Some(900),
         densify_from: Some(5),
-        densify_interval: 10,
+        densify_interval: Some(10),
         densify_until: Some(45),
         ..TrainConfig::default()
     }

@@ -26,7 +26,7 @@ fn config(batch: u32) -> TrainConfig {
     TrainConfig {
         batch,
         iterations: 40,
-        densify_interval: 10,
+        densify_interval: Some(10),
         densify_from: Some(5),
         densify_threshold: 1e-6,
         max_splats: Some(400),
