@@ -39,6 +39,8 @@ fn blocks_are_trained_like_data_sets_and_their_scenes_become_one() {
     place.error(&["merge", "blocks", "-o", "scene.ply"], &["no run of block_000, block_001", "jobs.txt"]);
     let jobs = std::fs::read_to_string(place.path("blocks/jobs.txt")).unwrap();
     assert_eq!(jobs.lines().count(), 2);
+    // All blocks have the reduction of the whole.
+    assert!(jobs.lines().all(|line| line.contains(" --downscale 1 ")), "{jobs}");
     for line in jobs.lines() {
         let words: Vec<&str> = line.split(' ').skip(1).collect();
         place.ok(&words);

@@ -4,7 +4,9 @@
 
 mod common;
 
-use common::{SIDE, Workplace};
+use common::{SIDE, VIEWS, Workplace, write_image};
+use luxel::{Downscale, run::RunFolder};
+use luxel_core::Image;
 
 /// Room for four decoded images of nine.
 fn room() -> String {
@@ -58,4 +60,46 @@ fn the_limit_is_said_and_one_that_is_too_small_is_refused() {
     place.error(&[&args[..], &["5kB", "--overwrite"]].concat(), &["3 are in memory at the same time", "give --image-memory 1MiB"]);
     let stderr = place.fails(2, &[&args[..], &["many"]].concat());
     assert!(stderr.contains("such as 4GiB"), "{stderr}");
+}
+
+/// Makes the images of the data set so many times as wide.
+fn widen(place: &Workplace, times: usize) {
+    let path = place.path("data/transforms.json");
+    let mut json = place.json("data/transforms.json");
+    json["w"] = (SIDE * times).into();
+    for key in ["fl_x", "cx"] {
+        json[key] = (json[key].as_f64().unwrap() * times as f64).into();
+    }
+    std::fs::write(path, json.to_string()).unwrap();
+    for view in 0..VIEWS {
+        let name = format!("data/images/{view:03}.exr");
+        let Image { width, height, pixels } = place.image(&name);
+        let wide = pixels.iter().flat_map(|pixel| std::iter::repeat_n(*pixel, times)).collect();
+        write_image(&place.path(&name), &Image::from_pixels(width * times, height, wide).unwrap());
+    }
+}
+
+#[test]
+fn large_images_are_reduced_by_default_and_a_run_keeps_the_factor() {
+    let place = Workplace::new();
+    let few = ["--iterations", "2", "--init-points", "50", "--refine-display", "0", "--threads", "2"];
+    let train = |run: &str, more: &[&str]| place.notes(&[&["train", "data", "-o", run][..], &few, more].concat());
+    let factor = |run: &str| RunFolder::open(&place.path(run)).unwrap().1.load.downscale;
+    // Small images stay as they are, without a word.
+    let small = train("small", &[]);
+    assert!(!small.contains("reduced") && factor("small") == Downscale::FULL_SIZE, "{small}");
+    widen(&place, 100);
+    let told = train("run", &[]);
+    assert!(told.contains("reduced 2 times along each side, from 2400x24 to 1200x12 pixels"), "{told}");
+    assert!(told.contains(", 1200x12") && factor("run") == Downscale::By(2), "{told}");
+    let full = train("full", &["--downscale", "1"]);
+    assert!(full.contains(", 2400x24") && factor("full") == Downscale::FULL_SIZE, "{full}");
+    let told = place.notes(&["train", "--resume", "-o", "run", "--iterations", "3"]);
+    assert!(told.contains(", 1200x12") && factor("run") == Downscale::By(2), "{told}");
+    let information = place.notes(&["info", "data"]);
+    assert!(information.contains("reduced 2 times"), "{information}");
+    // What measures the run reads images of another size as the run did.
+    common::write_dataset(&place.path("data"));
+    let told = place.notes(&["eval", "run"]);
+    assert!(told.contains(", 12x12") && !told.contains("reduced"), "{told}");
 }

@@ -53,12 +53,13 @@ pub use checkpoint::{
 };
 pub use confine::{Confinement, check_within, confine};
 pub use dataset::{
-    BLOCK_FILE, Block, BoundedPose, CheckPlan, DatasetDescription, DatasetFormat, Exposures, GroundRange, ImageMemory, ImagePlan, KeepView,
-    LoadOptions, LoadProgress, Loading, MAX_RELATIVE_ERROR, MaskSource, MemoryDataset, MemoryPoint, MemoryView, MetashapeCameras,
-    PosedCamera, RecordedPose, SplitLists, Supervision, Transforms, TransformsFrame, UnknownFormat, VIEWS_IN_USE, ViewPlace, colmap,
-    composed, dataset_in_memory, decode_mask, describe_dataset, detect_format, load_dataset, load_dataset_within, parse_block,
-    parse_exposures, parse_metashape, parse_polycam_camera, parse_poses_bounds, parse_realityscan_table, parse_realityscan_xmp,
-    parse_record3d, parse_recorded_poses, parse_split, parse_transforms, prepared_metres_per_unit, sees,
+    AUTO_SIDE_PX, BLOCK_FILE, Block, BoundedPose, CheckPlan, ChosenDownscale, DatasetDescription, DatasetFormat, Downscale, Exposures,
+    GroundRange, ImageMemory, ImagePlan, KeepView, LoadOptions, LoadProgress, Loading, MAX_DOWNSCALE, MAX_RELATIVE_ERROR, MaskSource,
+    MemoryDataset, MemoryPoint, MemoryView, MetashapeCameras, PosedCamera, RecordedPose, SplitLists, Supervision, Transforms,
+    TransformsFrame, UnknownFormat, VIEWS_IN_USE, ViewPlace, choose_downscale, colmap, composed, dataset_in_memory, decode_mask,
+    describe_dataset, detect_format, load_dataset, load_dataset_within, parse_block, parse_exposures, parse_metashape,
+    parse_polycam_camera, parse_poses_bounds, parse_realityscan_table, parse_realityscan_xmp, parse_record3d, parse_recorded_poses,
+    parse_split, parse_transforms, prepared_metres_per_unit, sees,
 };
 pub use depth::{DepthFolder, DepthKind, DepthMap, DepthReport, decode_depth_map, find_depth};
 pub use error::{IoError, IoErrorKind};

@@ -105,7 +105,7 @@ fn masks_of_a_folder_are_found_by_the_images_names() {
 #[test]
 fn a_mask_is_of_its_images_size_and_follows_it_through_a_reduction() {
     let scene = two_with_masks("masks");
-    let half = scene.read(&LoadOptions { downscale: 2, ..LoadOptions::default() }).unwrap();
+    let half = scene.read(&LoadOptions { downscale: 2.into(), ..LoadOptions::default() }).unwrap();
     assert!((0..8).all(|x| half.train[0].is_valid(x) == (x >= 4)));
     image::RgbaImage::new(4, 4).save(scene.path().join("masks/a.png")).unwrap();
     let error = scene.error(&LoadOptions::default());
@@ -246,7 +246,7 @@ fn recordings_are_read_as_they_are_with_their_exposures() {
     assert_eq!((recorded(&data.test[0]), data.test[0].image.pixels[0]), (None, [3.0; 3]));
     assert!(data.warnings.is_empty(), "{:?}", data.warnings);
     // Reduced in linear light and recorded again: one colour stays.
-    let half = bracketed().read(&LoadOptions { downscale: 2, ..ldr(Exposures::All) }).unwrap();
+    let half = bracketed().read(&LoadOptions { downscale: 2.into(), ..ldr(Exposures::All) }).unwrap();
     assert!((half.train[1].image.pixels[0][0] - 60.0 / 255.0).abs() < 1e-5);
 }
 
@@ -255,7 +255,7 @@ fn recordings_are_reduced_without_blocks_that_are_saturated_in_part() {
     let scene = TestScene::new();
     scene.png("a.png", |x, _| if x < 5 { [255, 255, 255, 255] } else { [200, 0, 90, 255] });
     scene.write("transforms.json", transforms(&[("a.png", 0.0, ", \"exposure\": 1")]));
-    let data = scene.read(&LoadOptions { downscale: 2, ..ldr(Exposures::All) }).unwrap();
+    let data = scene.read(&LoadOptions { downscale: 2.into(), ..ldr(Exposures::All) }).unwrap();
     let valid: Vec<bool> = (0..4).map(|x| data.train[0].is_valid(x)).collect();
     assert_eq!(valid, [true, true, false, true]);
     // With a lens, too: the pixels between.
@@ -456,7 +456,7 @@ fn radiance_has_the_captured_images_of_its_pose_beside_it() {
     assert!(data.test[0].recordings.is_empty() && radiance.train[0].recordings.is_empty());
     let some = scene.read(&both(Exposures::Of(vec![0, 2]))).unwrap();
     assert_eq!(some.train[1].recordings.iter().map(recorded).collect::<Vec<_>>(), [Some(0.5), Some(8.0)]);
-    let half = scene.read(&LoadOptions { downscale: 2, ..both(Exposures::Single) }).unwrap();
+    let half = scene.read(&LoadOptions { downscale: 2.into(), ..both(Exposures::Single) }).unwrap();
     assert_eq!((half.train[0].recordings.len(), half.train[0].recordings[0].camera.size_px), (1, [8, 4]));
 }
 

@@ -115,7 +115,7 @@ fn a_cache_is_used_again_and_only_for_the_same_files_and_options() {
     let again = within(&scene);
     assert_eq!((written(), &again.fingerprint), (times.clone(), &first.fingerprint));
     // Another reduction: other files, and the old ones are gone.
-    let halved = read(&scene, &LoadOptions { downscale: 2, ..LoadOptions::default() }).unwrap();
+    let halved = read(&scene, &LoadOptions { downscale: 2.into(), ..LoadOptions::default() }).unwrap();
     assert!(halved.train.iter().all(View::is_in_memory), "a quarter of the pixels has room");
     // A changed image is read anew, and what was stored of it is replaced.
     let image = Image::filled(SIZE[0], SIZE[1], [7.0; 3]);

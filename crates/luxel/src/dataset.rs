@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use luxel_core::BadPixels;
-use luxel_io::{CheckPlan, ImageMemory, ImagePlan, KeepView, LoadOptions, LoadProgress, Loading};
+use luxel_io::{AUTO_SIDE_PX, CheckPlan, ChosenDownscale, Downscale, ImageMemory, ImagePlan, KeepView, LoadOptions, LoadProgress, Loading};
 
 use crate::error::Context;
 use crate::{Event, ItemKind, Observer, Result, text};
@@ -37,7 +37,7 @@ impl Dataset {
     /// # fn main() -> luxel::Result<()> {
     /// # let folder = tempfile::tempdir().unwrap();
     /// # synthetic::write_dataset(folder.path(), synthetic::BallsOptions::default())?;
-    /// let halved = LoadOptions { downscale: 2, ..LoadOptions::default() };
+    /// let halved = LoadOptions { downscale: 2.into(), ..LoadOptions::default() };
     /// let dataset = Dataset::open_with(folder.path(), &halved)?;
     /// assert_eq!(dataset.train[0].camera.size_px, [12, 12]);
     /// assert!(dataset.warnings().is_empty());
@@ -77,6 +77,7 @@ impl Dataset {
         observer: &dyn Observer,
         planned: &dyn Fn(&ImagePlan),
     ) -> Result<Self> {
+        let options = &Self::resolve_options(path, options, observer)?;
         let reading = Reading { path, options, limits, observer, planned };
         let dataset = Self(reading.run().context("cannot read the data set")?);
         for warning in dataset.warnings.iter().cloned().chain(bad_pixel_lines(&dataset)) {
@@ -96,6 +97,22 @@ impl Dataset {
             observer.note(&line);
         }
         Ok(dataset)
+    }
+
+    /// Returns the options with a number for the reduction of the images: [`Downscale::Auto`] is
+    /// resolved by the sizes of the images at `path`, and reported where it reduces them.
+    ///
+    /// # Errors
+    /// Cameras or a split that cannot be read.
+    pub fn resolve_options(path: impl AsRef<Path>, options: &LoadOptions, observer: &dyn Observer) -> Result<LoadOptions> {
+        if options.downscale != Downscale::Auto {
+            return Ok(options.clone());
+        }
+        let chosen = luxel_io::choose_downscale(path.as_ref(), options).context("cannot read the data set")?;
+        if chosen.factor > 1 {
+            observer.note(&reduction_line(chosen));
+        }
+        Ok(LoadOptions { downscale: Downscale::By(chosen.factor), ..options.clone() })
     }
 
     /// Makes a data set of images, cameras and points in memory, without files.
@@ -209,6 +226,16 @@ impl Reading<'_> {
             reader.join().unwrap_or_else(|_| Err(luxel_io::IoError::invalid(path, "reading it stopped without a reason")))
         })
     }
+}
+
+/// Says how much images are reduced that are too large to be trained on as they are by default.
+pub(crate) fn reduction_line(chosen: ChosenDownscale) -> String {
+    let ([width, height], [to_width, to_height]) = (chosen.largest_px, chosen.reduced_px());
+    let factor = chosen.factor;
+    format!(
+        "images are reduced {factor} times along each side, from {width}x{height} to {to_width}x{to_height} pixels: downscale auto keeps \
+         the longer side within {AUTO_SIDE_PX} pixels, and downscale 1 takes them in full size"
+    )
 }
 
 /// Says how images that have no room in memory are held.

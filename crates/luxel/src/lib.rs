@@ -107,7 +107,7 @@ pub use export::{Bake, ExportOptions};
 pub use luxel_core::tone::Tonemap;
 pub use luxel_core::{Camera, ColorSpace, Edit, Remedy, View};
 pub use luxel_cpu::InstructionSet;
-pub use luxel_io::{ImageMemory, LoadOptions, PathCamera, Supervision};
+pub use luxel_io::{Downscale, ImageMemory, LoadOptions, PathCamera, Supervision};
 pub use luxel_metrics::SplitMetrics;
 pub use luxel_train::{LensVignetting, Method, PoseChange, PoseReport, Preset, TrainConfig};
 pub use probe::{Probe, ProbeOptions};

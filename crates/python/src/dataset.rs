@@ -65,7 +65,9 @@ impl PyDataset {
     ///     cache: folder for images that have no room.
     ///     progress: function `progress(done, total, name)`.
     ///     **options: how files are read, as in the section `load` of `config.toml`: downscale,
-    ///         transfer, color_space, format, supervision, exposures, masks, layer.
+    ///         transfer, color_space, format, supervision, exposures, masks, layer. downscale is a
+    ///         number from 1, full size and the default, to 16, or "auto" as `luxel train` has it:
+    ///         the smallest with which no training image is longer than 1600 pixels.
     ///
     /// Raises:
     ///     LuxelError: a file that is missing, damaged or of an unknown layout.

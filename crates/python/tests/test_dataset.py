@@ -59,6 +59,9 @@ def test_files_are_read_as_the_program_reads_them(tmp_path: Path) -> None:
     np.testing.assert_array_equal(opened.test[0].image, picture(arc(9)[0]))
     halved = luxel.Dataset.open(tmp_path, downscale=2, image_memory="1GiB")
     assert halved.train[0].image.shape == (12, 16, 3)
+    assert luxel.Dataset.open(tmp_path, downscale="auto").train[0].image.shape == (24, 32, 3)
+    with pytest.raises(luxel.LuxelError, match="expected auto or a whole number from 1 to 16"):
+        luxel.Dataset.open(tmp_path, downscale=17)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ use luxel::prepare::{
 };
 
 use super::ConsoleArgs;
-use crate::args::values::{ColorSpaceArg, MarkerFamilyArg, SpaceArg, TransferArg, parse_downscale, parse_positive_f64};
+use crate::args::values::{ColorSpaceArg, MarkerFamilyArg, SpaceArg, TransferArg, parse_positive_f64, parse_prepared_downscale};
 
 /// `luxel prepare`.
 #[derive(Debug, Args)]
@@ -70,7 +70,7 @@ pub(crate) struct PrepareArgs {
     #[arg(long, default_value = "ffmpeg", value_name = "PROGRAM", help_heading = "Images")]
     pub(crate) ffmpeg: PathBuf,
     /// Reduce images this many times a side, by area average in linear light.
-    #[arg(long, default_value = "1", value_parser = parse_downscale, value_name = "1|2|4|8", help_heading = "Images")]
+    #[arg(long, default_value = "1", value_parser = parse_prepared_downscale, value_name = "1|2|4|8", help_heading = "Images")]
     pub(crate) downscale: u32,
     /// Whether COLMAP finds the poses.
     #[arg(long, value_enum, default_value_t, help_heading = "Structure from motion")]

@@ -72,7 +72,7 @@ mod tests {
     use std::collections::BTreeSet;
 
     use clap::{CommandFactory, FromArgMatches};
-    use luxel::files;
+    use luxel::{Downscale, LoadOptions, files};
     use luxel_train::{Preset, TrainConfig};
 
     use super::*;
@@ -240,7 +240,7 @@ mod tests {
             stored.differences(&other).unwrap().iter().map(difference_line).collect::<Vec<_>>(),
             [
                 "the data set is data there, elsewhere now",
-                "--downscale is 1 there, 2 now",
+                "--downscale is \"auto\" there, 2 now",
                 "--max-splats is 9 there, unset now",
                 "--seed is 7 there, 8 now",
                 "--init-scale is unset there, 0.5 now",
@@ -257,10 +257,45 @@ mod tests {
         assert_eq!(merged.train.seed, 7);
         let (line, explicit) = parsed(&words("--seed 8 --downscale 2 --threads 3 --max-splats 10")).unwrap();
         let error = resumed(&stored, &line, &explicit).unwrap_err().to_string();
-        for part in ["--seed is 7 in the run, 8 now", "--downscale is 1 in the run, 2 now", "--max-splats is unset in the run, 10 now"] {
+        for part in
+            ["--seed is 7 in the run, 8 now", "--downscale is \"auto\" in the run, 2 now", "--max-splats is unset in the run, 10 now"]
+        {
             assert!(error.contains(part), "{part}: {error}");
         }
         assert!(!error.contains("--threads"), "{error}");
+    }
+
+    #[test]
+    fn a_resumed_run_keeps_the_reduction_that_it_chose() {
+        let (asked, _) = parsed(&words("--seed 7")).unwrap();
+        let stored = RunConfig { load: LoadOptions { downscale: Downscale::By(3), ..asked.load.clone() }, ..asked };
+        for text in ["--threads 3", "--downscale auto", "--downscale 3"] {
+            let (line, explicit) = parsed(&words(text)).unwrap();
+            assert_eq!(resumed(&stored, &line, &explicit).unwrap().load.downscale, Downscale::By(3), "{text}");
+        }
+        let (line, explicit) = parsed(&words("--downscale 1")).unwrap();
+        let error = resumed(&stored, &line, &explicit).unwrap_err().to_string();
+        assert!(error.contains("--downscale is 3 in the run, 1 now"), "{error}");
+        // A new run of its configuration may choose anew.
+        let (line, explicit) = parsed(&words("--downscale auto")).unwrap();
+        assert_eq!(stored.overlaid(&line, &explicit).unwrap().load.downscale, Downscale::Auto);
+    }
+
+    #[test]
+    fn a_file_holds_a_number_or_auto_and_nothing_else() {
+        let (asked, _) = parsed(&[]).unwrap();
+        let text = toml(&asked);
+        assert!(text.contains("downscale = \"auto\""), "{text}");
+        // Files of earlier programs hold 1, 2, 4 or 8.
+        for (value, expected) in [("1", Downscale::FULL_SIZE), ("8", Downscale::By(8)), ("\"auto\"", Downscale::Auto)] {
+            let file = text.replace("downscale = \"auto\"", &format!("downscale = {value}"));
+            assert_eq!(RunConfig::parse(&file).unwrap().load.downscale, expected);
+        }
+        for bad in ["0", "17", "\"large\"", "1.5"] {
+            let file = text.replace("downscale = \"auto\"", &format!("downscale = {bad}"));
+            let error = RunConfig::parse(&file).unwrap_err().to_string();
+            assert!(error.contains("expected auto or a whole number from 1 to 16"), "{bad}: {error}");
+        }
     }
 
     /// Every option that belongs to a choice, with a value, and what makes the choice.

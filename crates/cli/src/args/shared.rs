@@ -6,11 +6,11 @@ use anyhow::{Result, bail};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use luxel::run::{ExplicitArgs, PlotLog, RunOptions, TimeLimit};
-use luxel::{Device, DeviceOptions, LoadOptions};
+use luxel::{Device, DeviceOptions, Downscale, LoadOptions};
 use luxel_io::{Exposures, ImageMemory, MaskSource};
 
 use super::flag;
-use super::values::{ColorSpaceArg, FormatArg, MetricsArg, SupervisionArg, TransferArg, parse_downscale, parse_masks};
+use super::values::{ColorSpaceArg, FormatArg, MetricsArg, SupervisionArg, TransferArg, parse_masks};
 use crate::output::console::LogFormat;
 
 /// Options of reading a data set.
@@ -26,9 +26,11 @@ pub(crate) struct LoadArgs {
     /// Primaries of images that do not state theirs [default: linear-rec709].
     #[arg(long = "input-color-space", value_enum, value_name = "SPACE", help_heading = "Data set")]
     pub(crate) color_space: Option<ColorSpaceArg>,
-    /// Reduce images by this factor along each side, by area average in linear light.
-    #[arg(long, default_value = "1", value_parser = parse_downscale, value_name = "1|2|4|8", help_heading = "Data set")]
-    pub(crate) downscale: u32,
+    /// Reduce images by this factor along each side, by area average in linear light: a whole
+    /// number from 1 to 16, or auto, the smallest with which the longer side of the largest
+    /// training image has at most 1600 pixels. 1 takes large images in full size.
+    #[arg(long, default_value_t = Downscale::Auto, value_name = "auto|N", help_heading = "Data set")]
+    pub(crate) downscale: Downscale,
     /// Train on radiance, on captured LDR images with their exposures, or on both; methods that
     /// train on both imply it.
     #[arg(long, value_enum, default_value_t, value_name = "KIND", help_heading = "Data set")]

@@ -306,8 +306,8 @@ pub(crate) fn parse_shard(text: &str) -> Result<Shard, String> {
     Ok(Shard { index, count })
 }
 
-/// Parses 1, 2, 4 or 8.
-pub(crate) fn parse_downscale(text: &str) -> Result<u32, String> {
+/// Parses the factor by which `luxel prepare` reduces images: 1, 2, 4 or 8.
+pub(crate) fn parse_prepared_downscale(text: &str) -> Result<u32, String> {
     match text {
         "1" => Ok(1),
         "2" => Ok(2),
@@ -403,10 +403,10 @@ mod tests {
     }
 
     #[test]
-    fn images_are_reduced_by_powers_of_two_up_to_eight() {
-        assert_eq!(["1", "2", "4", "8"].map(parse_downscale), [Ok(1), Ok(2), Ok(4), Ok(8)]);
+    fn prepared_images_are_reduced_by_powers_of_two_up_to_eight() {
+        assert_eq!(["1", "2", "4", "8"].map(parse_prepared_downscale), [Ok(1), Ok(2), Ok(4), Ok(8)]);
         for bad in ["0", "3", "16", "-2", ""] {
-            assert!(parse_downscale(bad).is_err(), "{bad}");
+            assert!(parse_prepared_downscale(bad).is_err(), "{bad}");
         }
     }
 }

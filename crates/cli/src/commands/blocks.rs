@@ -26,12 +26,12 @@ pub(crate) fn run_split(args: &SplitArgs, explicit: &ExplicitArgs, words: &[OsSt
         train: TrainConfig::default().with_preset(|id| explicit.contains(id)),
     };
     let program = words.first().map_or_else(|| "luxel".into(), Clone::clone);
-    let mut behind = load_words(&options.load);
+    let found = split(&options, &console)?;
+    let mut behind = load_words(&found.load);
     if let Some(most) = options.max_splats {
         behind.extend(["--max-splats".into(), most.to_string()]);
     }
     let behind: Vec<OsString> = behind.into_iter().map(Into::into).chain(args.train.iter().cloned()).collect();
-    let found = split(&options, &console)?;
     let mut jobs = String::new();
     for block in &found.blocks {
         let command = [program.clone(), "train".into(), block.dataset.clone().into(), "-o".into(), block.run.clone().into()];
@@ -64,7 +64,8 @@ pub(crate) fn run_split(args: &SplitArgs, explicit: &ExplicitArgs, words: &[OsSt
     console.finish(facts, &format!("{}\n{size}\njobs    {}", lines.join("\n"), path.display()))
 }
 
-/// Returns the options of reading a data set that are not the defaults, as words.
+/// Returns the options of reading a data set that are not the defaults, as words. Full size is
+/// not the default where images are large, so the reduction is always among them.
 fn load_words(load: &LoadOptions) -> Vec<String> {
     let default = LoadOptions::default();
     let mut words: Vec<String> = Vec::new();
@@ -72,7 +73,7 @@ fn load_words(load: &LoadOptions) -> Vec<String> {
     add("--format", load.format.map(|format| format.name().to_owned()));
     add("--transfer", load.transfer.map(|transfer| transfer.to_string()));
     add("--input-color-space", load.color_space.map(|space| space.name().to_owned()));
-    add("--downscale", (load.downscale != default.downscale).then(|| load.downscale.to_string()));
+    add("--downscale", Some(load.downscale.to_string()));
     add("--masks", (load.masks != default.masks).then(|| load.masks.to_string()));
     add("--layer", load.layer.clone());
     words

@@ -32,6 +32,7 @@ pub(crate) fn run(args: &EvalArgs, explicit: &ExplicitArgs) -> Result<()> {
     let engine = engine::engine_of(&args.device, Some(&config))?;
     let request = DataRequest { data: args.data.as_deref(), load: &args.load, explicit };
     let (path, load) = request.of_run(&folder, &config)?;
+    let load = luxel::Dataset::resolve_options(&path, &load, &console)?;
     let dataset = data::load(&path, &load, &console)?;
     data::check_color_space(&dataset, &load, explicit)?;
     let data = EvaluationData { path: &path, load: &load, dataset: &dataset };
@@ -64,7 +65,7 @@ fn scene_file(args: &EvalArgs, explicit: &ExplicitArgs, lpips: Option<&Lpips>, c
         output::check_new_folder(folder)?;
     }
     let scene = luxel::Scene::open_reporting(&args.scene, console)?.into_core();
-    let load = args.load.options();
+    let load = luxel::Dataset::resolve_options(path, &args.load.options(), console)?;
     let dataset = data::load(path, &load, console)?;
     data::check_color_space(&dataset, &load, explicit)?;
     let data = EvaluationData { path, load: &load, dataset: &dataset };

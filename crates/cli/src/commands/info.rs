@@ -43,13 +43,13 @@ fn describe(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs, console: &Con
             refuse(explicit, &[], path, "a run")?;
             return describe_run(path, console);
         }
-        return describe_dataset(path, args, explicit);
+        return describe_dataset(path, args, explicit, console);
     }
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     let mut facts = match extension.as_str() {
         "ply" | "usda" | "usdc" | "usdz" | "usd" | "glb" | "spz" | "sog" | "splat" | "ksplat" | "gltf" | "html" => {
             if extension.starts_with("usd") && has_only_cameras(path) {
-                return describe_dataset(path, args, explicit);
+                return describe_dataset(path, args, explicit, console);
             }
             refuse(explicit, &[], path, "a scene")?;
             describe_scene_file(path)?
@@ -58,7 +58,7 @@ fn describe(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs, console: &Con
             refuse(explicit, &[], path, "a checkpoint")?;
             describe_checkpoint(path)?
         }
-        "json" | "csv" | "xml" => return describe_dataset(path, args, explicit),
+        "json" | "csv" | "xml" => return describe_dataset(path, args, explicit, console),
         _ => {
             refuse(explicit, &IMAGE_OPTIONS, path, "an image")?;
             describe_image(path, args)?
@@ -177,8 +177,8 @@ fn add_metrics(facts: &mut Tree, folder: &RunFolder) {
     }
 }
 
-fn describe_dataset(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs) -> Result<Tree> {
-    let options = args.load.options();
+fn describe_dataset(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs, console: &Console) -> Result<Tree> {
+    let options = luxel::Dataset::resolve_options(path, &args.load.options(), console)?;
     // By the images' headers: before one is read.
     let needs = Mutex::new(None);
     let check = |plan: &ImagePlan| {

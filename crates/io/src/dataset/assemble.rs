@@ -18,7 +18,7 @@ use super::metres::metres_per_unit;
 use super::observations::{ObservedView, map_points};
 use super::selected::{Role, SelectedFrame, Split, select, with_captured};
 use super::source::{DatasetSource, SourceFrame, SourcePoint};
-use super::split::{Part, assign};
+use super::split::{Part, SplitRule, assign};
 use super::view_cache::{CachedFrame, Residency, ViewCache};
 use super::{LoadOptions, LoadProgress, Loading, Supervision, masks, recordings};
 use crate::IoError;
@@ -41,34 +41,20 @@ pub(super) fn assemble(
     options: &LoadOptions,
     loading: &Loading<'_>,
 ) -> Result<Dataset, IoError> {
-    let DatasetSource { format, folder, mut frames, split, points, points_from, mut warnings, .. } = source;
-    frames = match options.supervision {
-        Supervision::Hdr => recordings::radiance_alone(frames, &split),
-        Supervision::Ldr => recordings::pair_unlisted(frames, &split),
-        Supervision::Both => recordings::pair(path, frames)?,
-    };
-    if frames.is_empty() {
-        return Err(IoError::invalid(path, "no images, expected at least one"));
-    }
+    let DatasetSource { format, folder, frames, split, points, points_from, mut warnings, .. } = source;
+    let mut frames = supervised(path, frames, &split, options)?;
     let world_from_local = local_coordinates(&frames, &points);
     let local_from_world = world_from_local.inverse();
     frames.iter_mut().for_each(|frame| local_from_world.apply_to_pose(&mut frame.camera_from_world));
-    let mut order: Vec<usize> = (0..frames.len()).collect();
-    order.sort_by(|a, b| frames[*a].name.cmp(&frames[*b].name));
-    let sorted: Vec<&SourceFrame> = order.iter().map(|i| &frames[*i]).collect();
-    check_names(&sorted)?;
-
-    let names: Vec<&str> = sorted.iter().map(|frame| frame.name.as_str()).collect();
-    let own: Vec<Option<Part>> = sorted.iter().map(|frame| frame.part).collect();
-    let mut parts = assign(&split, &names, &own)?;
+    let Arranged { sorted, order, mut parts } = Arranged::new(&frames, &split)?;
     block.map_or(Ok(()), |of| of.block.restrict(&sorted, &mut parts, of.folder))?;
-    let of = |part| (0..sorted.len()).filter(|i| parts[*i] == part).collect::<Vec<usize>>();
+    let of = |part| indices_of(&parts, part);
     let (train, test, left_out) = (of(Some(Part::Train)), of(Some(Part::Test)), of(None));
     if train.is_empty() {
         return Err(IoError::invalid(path, format!("no training images among {}, expected at least one", sorted.len())));
     }
     if block.is_none() {
-        warnings.extend(left_out_warning(left_out.iter().map(|i| names[*i]).collect()));
+        warnings.extend(left_out_warning(left_out.iter().map(|i| sorted[*i].name.as_str()).collect()));
     }
     if test.is_empty() {
         warnings.push("no test views: no image is held out to measure quality with".to_owned());
@@ -113,6 +99,48 @@ pub(super) fn assemble(
         is_developed,
         readers,
     })
+}
+
+/// Frames by name, with the sides of the split that they are on.
+pub(super) struct Arranged<'a> {
+    pub(super) sorted: Vec<&'a SourceFrame>,
+    /// Index of each among those of the source.
+    pub(super) order: Vec<usize>,
+    pub(super) parts: Vec<Option<Part>>,
+}
+
+impl<'a> Arranged<'a> {
+    /// Sorts frames, whose names must be unique, and applies the split.
+    pub(super) fn new(frames: &'a [SourceFrame], split: &SplitRule) -> Result<Self, IoError> {
+        let mut order: Vec<usize> = (0..frames.len()).collect();
+        order.sort_by(|a, b| frames[*a].name.cmp(&frames[*b].name));
+        let sorted: Vec<&SourceFrame> = order.iter().map(|i| &frames[*i]).collect();
+        check_names(&sorted)?;
+        let names: Vec<&str> = sorted.iter().map(|frame| frame.name.as_str()).collect();
+        let own: Vec<Option<Part>> = sorted.iter().map(|frame| frame.part).collect();
+        let parts = assign(split, &names, &own)?;
+        Ok(Self { sorted, order, parts })
+    }
+}
+
+/// Returns the indices of the frames on one side of a split; of those on none, without a side.
+pub(super) fn indices_of(parts: &[Option<Part>], part: Option<Part>) -> Vec<usize> {
+    (0..parts.len()).filter(|i| parts[*i] == part).collect()
+}
+
+/// Returns the frames that have images of the kinds that are asked for, at least one.
+pub(super) fn supervised(
+    path: &Path,
+    frames: Vec<SourceFrame>,
+    split: &SplitRule,
+    options: &LoadOptions,
+) -> Result<Vec<SourceFrame>, IoError> {
+    let frames = match options.supervision {
+        Supervision::Hdr => recordings::radiance_alone(frames, split),
+        Supervision::Ldr => recordings::pair_unlisted(frames, split),
+        Supervision::Both => recordings::pair(path, frames)?,
+    };
+    if frames.is_empty() { Err(IoError::invalid(path, "no images, expected at least one")) } else { Ok(frames) }
 }
 
 /// Returns what was masked, by name.
@@ -189,7 +217,7 @@ fn load_views(
             is_train: !matches!(used.role, Role::Test | Role::CapturedTest),
         })
     });
-    let plan = plan(path, sizes, options.downscale, loading);
+    let plan = plan(path, sizes, options.downscale.factor(), loading);
     if let Some(progress) = loading.progress {
         progress(LoadProgress::Planned(plan.clone()));
     }

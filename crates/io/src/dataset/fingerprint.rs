@@ -13,7 +13,7 @@ impl Fingerprint {
     pub(super) fn new(format: &str, options: &LoadOptions) -> Self {
         let mut this = Self(blake3::Hasher::new());
         this.text(format);
-        this.text(&format!("{:?} {:?} {}", options.transfer, options.color_space, options.downscale));
+        this.text(&format!("{:?} {:?} {}", options.transfer, options.color_space, options.downscale.factor()));
         // Masks of files count by their bytes; of other data sets nothing is added, so that they
         // keep the digests they have always had.
         if options.masks == MaskSource::Alpha {

@@ -95,7 +95,7 @@ pub(super) fn load_view(frame: &SourceFrame, options: &LoadOptions) -> Result<Lo
     let foreign = frame.intrinsics.foreign_lens;
     let foreign_lens = foreign.map(|lens| lens.prepared());
     decoded.warnings.extend(foreign.zip(foreign_lens).and_then(|(lens, prepared)| lost_field(&photographed, &prepared, lens.base.name())));
-    let view = resample(view, frame, foreign_lens.as_ref(), options.downscale)?;
+    let view = resample(view, frame, foreign_lens.as_ref(), options.downscale.factor())?;
     Ok(LoadedView {
         view,
         photographed,

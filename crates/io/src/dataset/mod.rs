@@ -30,6 +30,7 @@ mod components;
 mod described;
 mod detect;
 mod developed;
+mod downscale;
 mod files;
 mod fingerprint;
 mod image_memory;
@@ -72,6 +73,7 @@ use assemble::BlockOf;
 pub use block::{BLOCK_FILE, Block, GroundRange, parse_block, sees};
 pub use described::{DatasetDescription, describe_dataset};
 pub use detect::detect_format;
+pub use downscale::{AUTO_SIDE_PX, ChosenDownscale, Downscale, MAX_DOWNSCALE, choose_downscale};
 pub use files::composed;
 pub use image_memory::{CheckPlan, ImageMemory, ImagePlan, KeepView, LoadProgress, Loading, VIEWS_IN_USE, ViewPlace};
 pub use in_memory::{MemoryDataset, MemoryPoint, MemoryView, dataset_in_memory};
@@ -88,9 +90,6 @@ pub use recordings::{Exposures, Supervision, parse_exposures};
 pub use split::{SplitLists, parse_split};
 pub use transforms::{Transforms, TransformsFrame, parse_transforms};
 pub use view_cache::MAX_RELATIVE_ERROR;
-
-/// Reductions that [`LoadOptions::downscale`] takes.
-const DOWNSCALES: [u32; 4] = [1, 2, 4, 8];
 
 /// A layout of files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -193,8 +192,8 @@ pub struct LoadOptions {
     pub transfer: Option<Transfer>,
     /// Colour space of images that do not state theirs; `None`: linear Rec.709.
     pub color_space: Option<ColorSpace>,
-    /// Reduction of the images by area average: 1, 2, 4 or 8.
-    pub downscale: u32,
+    /// Reduction of the images along each side, by area average. Full size by default.
+    pub downscale: Downscale,
     /// Kind of images that are trained on: radiance, captured LDR images, or both.
     #[serde(default)]
     pub supervision: Supervision,
@@ -216,7 +215,7 @@ impl Default for LoadOptions {
             format: None,
             transfer: None,
             color_space: None,
-            downscale: 1,
+            downscale: Downscale::FULL_SIZE,
             supervision: Supervision::Hdr,
             exposures: Exposures::All,
             masks: MaskSource::Auto,
@@ -264,6 +263,7 @@ pub fn load_dataset(path: &Path, options: &LoadOptions) -> Result<Dataset, IoErr
 /// # Errors
 /// Those of [`load_dataset`]; a limit below what reading takes; a cache that cannot be written.
 pub fn load_dataset_within(path: &Path, options: &LoadOptions, loading: &Loading<'_>) -> Result<Dataset, IoError> {
+    let options = &downscale::resolved(path, options)?;
     let Some(block) = Block::read(path)? else {
         return assemble::assemble(path, read_source(path, options)?, None, options, loading);
     };
@@ -277,9 +277,7 @@ fn read_source(path: &Path, options: &LoadOptions) -> Result<source::DatasetSour
     use layout_colmap::{ColmapLayout, colmap_source};
     use layout_transforms::{TransformsFiles, hdr_nerf_source, transforms_source};
 
-    if !DOWNSCALES.contains(&options.downscale) {
-        return Err(IoError::invalid(path, format!("reduction by {}, expected 1, 2, 4 or 8", options.downscale)));
-    }
+    options.downscale.check(path)?;
     std::fs::metadata(path).map_err(|e| IoError::system(path, "read", &e))?;
     let format = match options.format {
         Some(format) => format,

@@ -30,8 +30,11 @@ fn folders_that_are_no_data_set_say_what_was_looked_for_and_found() {
     assert!(load_dataset(scene.path(), &wrong).unwrap_err().message.contains("not of format transforms"));
     let wrong = LoadOptions { format: Some(DatasetFormat::Colmap), ..LoadOptions::default() };
     assert!(load_dataset(scene.path(), &wrong).unwrap_err().message.contains("no COLMAP model"));
-    let wrong = LoadOptions { downscale: 3, ..LoadOptions::default() };
-    assert!(load_dataset(scene.path(), &wrong).unwrap_err().message.contains("expected 1, 2, 4 or 8"));
+    for factor in [0, 17] {
+        let wrong = LoadOptions { downscale: factor.into(), ..LoadOptions::default() };
+        let message = load_dataset(scene.path(), &wrong).unwrap_err().message;
+        assert_eq!(message, format!("reduction by {factor}, expected auto or a whole number from 1 to 16"));
+    }
 }
 
 #[test]

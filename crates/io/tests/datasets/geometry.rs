@@ -15,7 +15,7 @@ fn observations_follow_undistortion_and_reduction() {
         }
         colmap(&scene, "sparse/0", camera, distortion, &files, &points);
         for downscale in [1, 2] {
-            let data = load_dataset(scene.path(), &LoadOptions { downscale, ..LoadOptions::default() }).unwrap();
+            let data = load_dataset(scene.path(), &LoadOptions { downscale: downscale.into(), ..LoadOptions::default() }).unwrap();
             assert_eq!((names(&data.train), names(&data.test)), (vec!["images/b", "images/c"], vec!["images/a"]));
             assert_eq!(data.points.len(), 3);
             assert_eq!(data.points[0].rgb8, Some([1, 2, 3]));

@@ -64,6 +64,41 @@ fn one_image_is_trained_on_and_said() {
     assert_eq!(data.warnings, ["no test views: no image is held out to measure quality with"]);
 }
 
+/// Writes a grey image of a size.
+fn grey_png(scene: &TestScene, name: &str, size_px: [u32; 2]) {
+    let path = scene.write(name, "");
+    image::GrayImage::from_pixel(size_px[0], size_px[1], image::Luma([99])).save(path).unwrap();
+}
+
+#[test]
+fn large_images_are_reduced_by_the_sizes_of_those_to_train_on() {
+    let scene = TestScene::new();
+    grey_png(&scene, "a.png", [3201, 4]);
+    grey_png(&scene, "b.png", [20, 3300]);
+    grey_png(&scene, "c.png", [1600, 2]);
+    scene.write("transforms.json", transforms(r#""camera_angle_x": 0.9"#, &["a.png", "b.png", "c.png"]));
+    let split = |train: &str, test: &str| scene.write("split.json", format!(r#"{{"train": [{train}], "test": [{test}]}}"#));
+    let auto = LoadOptions { downscale: Downscale::Auto, transfer: Some(Transfer::Srgb), ..LoadOptions::default() };
+    let chosen = || choose_downscale(scene.path(), &auto).map(|chosen| (chosen.factor, chosen.largest_px)).unwrap();
+    // Held-out images follow those to train on.
+    split(r#""a.png", "c.png""#, r#""b.png""#);
+    assert_eq!(chosen(), (2, [3201, 4]));
+    let data = scene.read(&auto).unwrap();
+    assert_eq!(data.train.iter().map(|view| view.camera.size_px).collect::<Vec<_>>(), [[1600, 2], [800, 1]]);
+    assert_eq!(data.test[0].camera.size_px, [10, 1650]);
+    // It is the same data set as by the number.
+    let by_two = LoadOptions { downscale: 2.into(), ..auto.clone() };
+    assert_eq!(scene.read(&by_two).unwrap().fingerprint, data.fingerprint);
+    split(r#""b.png""#, r#""a.png""#);
+    assert_eq!(chosen(), (3, [20, 3300]));
+    split(r#""c.png""#, r#""a.png", "b.png""#);
+    assert_eq!(chosen(), (1, [1600, 2]));
+    // Whatever else is wrong with a split, reading the images says it.
+    split("", r#""a.png""#);
+    assert_eq!(chosen(), (1, [0; 2]));
+    assert!(scene.read(&auto).unwrap_err().message.contains("no training images"));
+}
+
 #[test]
 fn fingerprint_follows_content_split_and_options() {
     let scene = TestScene::new();
@@ -71,7 +106,7 @@ fn fingerprint_follows_content_split_and_options() {
     scene.write("transforms.json", transforms(LENS, &["a.exr", "b.exr", "c.exr"]));
     let first = scene.load().fingerprint;
     assert_eq!(scene.load().fingerprint, first);
-    let reduced = load_dataset(scene.path(), &LoadOptions { downscale: 2, ..LoadOptions::default() }).unwrap();
+    let reduced = load_dataset(scene.path(), &LoadOptions { downscale: 2.into(), ..LoadOptions::default() }).unwrap();
     assert_ne!(reduced.fingerprint, first);
     scene.write("split.json", r#"{"train": ["a", "b"], "test": ["c"]}"#);
     let split = scene.load().fingerprint;

@@ -16,7 +16,8 @@ use common::TestScene;
 use glam::{DVec2, DVec3};
 use luxel_core::{BadPixels, ColorSpace, Dataset, Distortion};
 use luxel_io::{
-    DatasetFormat, IoErrorKind, LoadOptions, Transfer, detect_format, load_dataset, parse_block, parse_split, parse_transforms,
+    DatasetFormat, Downscale, IoErrorKind, LoadOptions, Transfer, choose_downscale, detect_format, load_dataset, parse_block, parse_split,
+    parse_transforms,
 };
 use proptest::prelude::*;
 

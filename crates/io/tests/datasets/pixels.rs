@@ -22,7 +22,7 @@ fn bad_pixels_are_counted_zeroed_and_masked() {
     assert!(data.train[1].mask.is_none());
     // Reduced, a block with a bad pixel is never darker than its good ones: it is either masked or
     // their average.
-    let data = load_dataset(scene.path(), &LoadOptions { downscale: 2, ..LoadOptions::default() }).unwrap();
+    let data = load_dataset(scene.path(), &LoadOptions { downscale: 2.into(), ..LoadOptions::default() }).unwrap();
     let view = &data.train[0];
     for i in 0..view.image.pixels.len() {
         assert!(!view.is_valid(i) || view.image.pixels[i] == [2.0; 3], "{i}: {:?}", view.image.pixels[i]);

@@ -89,6 +89,9 @@ pub struct SplitBlocks {
     pub grid: [usize; 2],
     /// Radiance of one normalised unit.
     pub radiance_scale: f32,
+    /// How the whole data set was read, with the reduction of its images as a number: blocks are to
+    /// be read in the same way.
+    pub load: LoadOptions,
 }
 
 /// A division of the ground with what falls into each part.
@@ -116,7 +119,8 @@ pub fn split(options: &SplitOptions, observer: &dyn Observer) -> Result<SplitBlo
         bail!("{}: is a block; split the whole data set", path.display());
     }
     let limits = ImageLimits { image_memory: options.image_memory, ..ImageLimits::default() };
-    let dataset = Dataset::open_within(&path, &options.load, limits, observer)?.into_core();
+    let load = Dataset::resolve_options(&path, &options.load, observer)?;
+    let dataset = Dataset::open_within(&path, &load, limits, observer)?.into_core();
     if dataset.points.len() < LEAST_POINTS {
         let found = crate::text::plural(dataset.points.len(), "point");
         bail!("{}: has {found}, expected {LEAST_POINTS} or more to divide the ground by", path.display());
@@ -147,7 +151,7 @@ pub fn split(options: &SplitOptions, observer: &dyn Observer) -> Result<SplitBlo
         });
     }
     write_list(&options.output, &blocks, plan.grid, scale)?;
-    Ok(SplitBlocks { blocks, grid: plan.grid, radiance_scale: scale })
+    Ok(SplitBlocks { blocks, grid: plan.grid, radiance_scale: scale, load })
 }
 
 /// Writes the list of the blocks, which marks the folder: last.

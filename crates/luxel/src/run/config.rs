@@ -10,7 +10,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use luxel_core::RadianceScale;
-use luxel_io::{ImageMemory, LoadOptions};
+use luxel_io::{Downscale, ImageMemory, LoadOptions};
 use luxel_train::{FieldNetworkChoice, NamedChoice, OptionSpec, Preset, TrainConfig};
 use serde::{Deserialize, Serialize};
 
@@ -179,6 +179,9 @@ const RESULT_SECTIONS: [&str; 2] = ["load", TRAIN];
 /// The option that stands for [`Preset::OPTIONS`].
 const PRESET: &str = "preset";
 
+/// The option of the images' reduction.
+const DOWNSCALE: &str = "downscale";
+
 impl RunConfig {
     /// Returns the configuration of a run of `train` on `dataset`, with defaults for everything
     /// else.
@@ -301,8 +304,8 @@ impl RunConfig {
             crate::error::bail!("a resumed run keeps its settings: {}", list.join("; "));
         }
         // An explicit preset is the run's own, whose values may since have been changed one by one:
-        // they stay.
-        self.overlaid(given, &explicit.without(PRESET))
+        // they stay. So does the reduction that the run chose.
+        self.overlaid(given, &explicit.without(PRESET).without(DOWNSCALE))
     }
 
     /// Returns the explicit options that differ from this configuration, of an interrupted run, and
@@ -312,7 +315,9 @@ impl RunConfig {
     /// Values that TOML cannot hold.
     pub fn contradictions(&self, given: &Self, explicit: &ExplicitArgs) -> Result<Vec<Difference>> {
         let (base, other) = (toml::Table::try_from(self)?, toml::Table::try_from(given)?);
-        let fixed = options(&other, explicit).into_iter().filter(|(_, id)| !FREE_ON_RESUME.contains(id));
+        // To leave the reduction to the run is to keep what it chose.
+        let is_open = |id: &str| id == DOWNSCALE && given.load.downscale == Downscale::Auto;
+        let fixed = options(&other, explicit).into_iter().filter(|(_, id)| !FREE_ON_RESUME.contains(id) && !is_open(id));
         Ok(fixed.filter_map(|(section, id)| difference(&base, &other, section, id)).collect())
     }
 

@@ -469,7 +469,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let run = RunFolder::at(&folder.path().join("run"));
         let at_full_size = LoadOptions::default();
-        let halved = LoadOptions { downscale: 2, ..LoadOptions::default() };
+        let halved = LoadOptions { downscale: 2.into(), ..LoadOptions::default() };
         let claim = |data: &str, load| {
             let data = folder.path().join(data);
             std::fs::create_dir_all(&data).unwrap();

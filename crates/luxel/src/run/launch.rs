@@ -100,6 +100,7 @@ pub fn fresh_over(
     let config = RunConfig { train: of_block, ..config };
     config.validate().context("cannot start training")?;
     check_time(&config, &*exchange)?;
+    let config = resolve_images(config, launch)?;
     // Settings without a text form must not cost the run that is to be replaced.
     config.to_toml().with_context(|| format!("{}: config.toml cannot hold these settings", config.dataset.display()))?;
     tell_settings(&mut *exchange, &config, launch.folder)?;
@@ -119,6 +120,13 @@ pub fn fresh_over(
     let lock = make_room(&dataset)?;
     launch.folder.write_config(&config)?;
     train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock, since })
+}
+
+/// Gives the reduction of the images as a number: whatever continues, measures or repeats the run
+/// reads them as it does, and so does every rank.
+fn resolve_images(config: RunConfig, launch: Launch<'_>) -> Result<RunConfig> {
+    let load = Dataset::resolve_options(config.dataset_path(launch.folder.root()), &config.load, launch.observer)?;
+    Ok(RunConfig { load, ..config })
 }
 
 /// Reads the scene that a run starts from, if it does.
@@ -200,6 +208,7 @@ pub fn resume_over(
     check_time(&config, &*exchange)?;
     let (folder, observer) = (launch.folder, launch.observer);
     let path = config.find_dataset(folder.root(), Remedy::give("dataset"))?;
+    let config = resolve_images(config, launch)?;
     tell_settings(&mut *exchange, &config, folder)?;
     let start = RunStart { is_on_gpu: gpu.is_some(), scene_splats: None };
     let dataset = open_dataset(&path, &config, launch, start, views_of(&*exchange, &config))?;

@@ -13,13 +13,14 @@ use crate::error::{Context, bail};
 use crate::files;
 use crate::run::evaluation::Metrics;
 use crate::run::{Difference, ExplicitArgs, MadeBy, Occupant, RunConfig, RunFolder, RunOptions};
-use crate::{DeviceOptions, Error};
+use crate::{DeviceOptions, Error, Observer};
 use luxel_core::Remedy;
 use luxel_io::LoadOptions;
 use luxel_train::{HdrNormalisation, TrainConfig};
 
 use super::method::{self, StudyMethod, with_method};
 use super::options::{StudyDataset, StudyOptions};
+use super::reading::{SourceReading, reading_of};
 use super::stored::{Stored, union};
 
 /// Folder of the cells within the output folder.
@@ -88,8 +89,10 @@ pub(super) struct Matrix {
     pub(super) threads: usize,
     /// Memory that reading one file may take in each cell, GiB.
     pub(super) memory_gib: Option<u64>,
-    /// How data sets are read, but for what a method implies.
+    /// How data sets are read, as it was asked for.
     load: LoadOptions,
+    /// How each of [`Self::sources`] is read, but for what a method implies.
+    readings: Vec<SourceReading>,
 }
 
 impl Matrix {
@@ -127,7 +130,12 @@ impl Matrix {
             threads,
             memory_gib: options.memory_gib,
             load: options.load.clone(),
+            readings: Vec::new(),
         };
+        for source in &matrix.sources {
+            let runs = (&*matrix.methods, &*matrix.seeds);
+            matrix.readings.push(reading_of(source, &matrix.load, &matrix.root, runs, asked.contains(source))?);
+        }
         for seed in matrix.seeds.clone() {
             for (source, method) in
                 (0..matrix.sources.len()).flat_map(|source| (0..matrix.methods.len()).map(move |method| (source, method)))
@@ -149,14 +157,14 @@ impl Matrix {
     fn cell(&self, options: &StudyOptions, [source, method]: [usize; 2], train: TrainConfig) -> Result<Cell> {
         let (dataset, model) = (&self.sources[source], self.methods[method]);
         let seed = train.seed;
-        let place = Path::new(RUNS).join(&dataset.name).join(model.name()).join(format!("seed_{seed}"));
+        let place = run_place(dataset, model, seed);
         let train = crate::blocks::train_config(&dataset.path, train)?;
         train.validate().with_context(|| format!("method {}", model.name()))?;
         let mut config = RunConfig {
             luxel_version: crate::VERSION.into(),
             made_by: MadeBy::Train,
             dataset: dataset.path.clone(),
-            load: options.load.clone(),
+            load: self.readings[source].load.clone(),
             device: DeviceOptions { threads: Some(u32::try_from(self.threads)?), ..options.device.clone() },
             // Nobody looks at the scenes of a study in a splat viewer.
             run: RunOptions {
@@ -172,6 +180,11 @@ impl Matrix {
         config.imply_supervision(&ExplicitArgs::default());
         config.imply_exposure();
         Ok(Cell { source, method, seed, folder: RunFolder::at(&self.root.join(&place)), place, config, job: None })
+    }
+
+    /// Tells of images that are reduced by their sizes.
+    pub(super) fn report_readings(&self, observer: &dyn Observer) {
+        self.readings.iter().filter_map(|reading| reading.note.as_deref()).for_each(|note| observer.note(note));
     }
 
     /// Returns a method in a few words.
@@ -303,6 +316,11 @@ impl Cell {
             }
         }
     }
+}
+
+/// Returns the place of a run in the output folder.
+pub(super) fn run_place(source: &Source, method: StudyMethod, seed: u64) -> PathBuf {
+    Path::new(RUNS).join(&source.name).join(method.name()).join(format!("seed_{seed}"))
 }
 
 /// Returns where a value is in a list.

@@ -39,6 +39,7 @@ mod options;
 mod page;
 mod paper;
 mod plan;
+mod reading;
 mod results;
 mod share;
 mod stored;
@@ -133,6 +134,7 @@ pub fn run(options: &StudyOptions, observer: &dyn Observer, stop: &StopFlag) -> 
     let is_due = |job: Option<usize>| options.share.is_none_or(|share| job.is_some_and(|job| share.has(job)));
     let is_open = |i: &usize| states.get(*i) == Some(&CellState::Open) && is_due(matrix.cells[*i].job);
     let open: Vec<usize> = (0..matrix.cells.len()).filter(is_open).collect();
+    matrix.report_readings(observer);
     matrix.claim()?;
     let _confinement = luxel_io::confine(&matrix.root)?;
     let todo = Todo { open: &open, is_shared: options.share.is_some() };

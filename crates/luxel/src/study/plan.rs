@@ -43,6 +43,7 @@ pub fn plan(options: &StudyOptions, observer: &dyn Observer) -> Result<StudyPlan
     let matrix = Matrix::plan(options)?;
     matrix.check_root()?;
     let states = matrix.states(options.word_difference)?;
+    matrix.report_readings(observer);
     let is_in_share = |cell: &Cell| options.share.is_none_or(|share| cell.job.is_some_and(|job| share.has(job)));
     let in_state = |wanted: CellState| matrix.cells.iter().zip(&states).filter(move |(_, state)| **state == wanted).map(|(cell, _)| cell);
     let cells = |wanted: CellState| in_state(wanted).filter(|cell| is_in_share(cell));

@@ -57,7 +57,7 @@ impl ViewCache {
         let image = std::fs::canonicalize(&frame.image).ok()?;
         let mask = frame.mask.as_ref().map(std::fs::canonicalize).transpose().ok()?;
         let pose = (frame.camera_from_world, frame.exposure_s, frame.noise, &frame.intrinsics);
-        let read = (options.transfer, options.downscale, options.supervision, &options.masks, &options.layer, options.color_space);
+        let read = (options.transfer, options.downscale.factor(), options.supervision, &options.masks, &options.layer, options.color_space);
         let text = format!("{image:?} {mask:?} {pose:?} {read:?}");
         Some(self.folder.as_ref()?.join(blake3::hash(text.as_bytes()).to_hex().as_str()))
     }
