@@ -324,11 +324,14 @@ type ViewResult = (ViewMetrics, Option<FieldMetrics>, LuminanceProfile);
 fn measure(view: &View, prediction: &Image, measures: &Measures<'_>) -> Result<ViewResult, EvaluationError> {
     let (target, mask) = (measures.target(view), view.mask.as_deref());
     let prediction = &*measures.in_protocol_units(view, prediction);
-    let metrics = view_metrics(prediction, &target, mask, mu_of(view, measures)).map_err(|source| failed(view, source))?;
+    let of_view = || view_metrics(prediction, &target, mask, mu_of(view, measures)).map_err(|source| failed(view, source));
     if view.values != PixelValues::Radiance {
-        return Ok((metrics, None, LuminanceProfile::default()));
+        return Ok((of_view()?, None, LuminanceProfile::default()));
     }
-    let mut field = field_metrics(prediction, &target, mask, &measures.field).map_err(|source| failed(view, source))?;
+    // Of a large image, one is measured at a time.
+    let of_field = || field_metrics(prediction, &target, mask, &measures.field).map_err(|source| failed(view, source));
+    let (metrics, field) = rayon::join(of_view, of_field);
+    let (metrics, mut field) = (metrics?, field?);
     let profile =
         LuminanceProfile::measure(prediction, &target, mask, measures.field.color_space).map_err(|source| failed(view, source))?;
     if let Some(lpips) = measures.lpips {

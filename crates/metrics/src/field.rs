@@ -4,6 +4,8 @@
 //! which a display shows 1. Out: [`FieldMetrics`]. Images are converted to linear Rec.709 first.
 //! Colours outside its gamut are clipped to it, because no light is negative.
 
+use std::borrow::Cow;
+
 use serde::{Deserialize, Serialize};
 
 use super::decades::{log_rmse, relative_error_by_decade};
@@ -110,13 +112,9 @@ pub fn field_metrics(
     // The images are checked before the conversion, because clipping hides NaN: the maximum of NaN
     // and 0 is 0.
     Pair::new(prediction, target, mask)?;
-    let light = |image: &Image| {
-        let pixels = image.pixels.iter().map(|&rgb| rec709_of(options.color_space, rgb).map(|v| v.max(0.0)));
-        Image { width: image.width, height: image.height, pixels: pixels.collect() }
-    };
-    let (prediction, target) = (light(prediction), light(target));
+    let [prediction, target] = [prediction, target].map(|image| light(image, options.color_space));
     let pair = Pair::new(&prediction, &target, mask)?;
-    let (pu21_psnr, pu21_ssim) = pu21_psnr_ssim(&pair, options.peak_luminance.into())?;
+    let (pu21_psnr, pu21_ssim) = pu21_psnr_ssim(&pair, options.peak_luminance.into());
     let hdr_flip = match options.flip {
         FlipChoice::Skip => None,
         FlipChoice::Compute => Some(hdr_flip(&prediction, &target, mask, ColorSpace::LinearRec709)?.mean),
@@ -131,6 +129,15 @@ pub fn field_metrics(
         lpips_vgg: None,
         relative_error_by_decade: relative_error_by_decade(&pair),
     })
+}
+
+/// Returns an image in linear Rec.709 without negative values.
+fn light(image: &Image, space: ColorSpace) -> Cow<'_, Image> {
+    if space == ColorSpace::LinearRec709 && image.pixels.as_flattened().iter().all(|v| *v >= 0.0) {
+        return Cow::Borrowed(image);
+    }
+    let pixels = image.pixels.iter().map(|&rgb| rec709_of(space, rgb).map(|v| v.max(0.0)));
+    Cow::Owned(Image { width: image.width, height: image.height, pixels: pixels.collect() })
 }
 
 #[cfg(test)]

@@ -45,6 +45,7 @@ pub use lpips::{Lpips, LpipsError, LpipsNetwork, Tensors};
 pub use measures::Measures;
 pub use profile::{LuminanceProfile, PROFILE_BINS_PER_DECADE, ProfileBin};
 pub use pu21::{PU21_PEAK, PU21_RANGE_CD_M2, pu21_encode};
+use ssim::ssim_of_rows;
 pub use ssim::{ssim, ssim_interior, ssim_replicated};
 
 /// PSNR of equal images, dB. It stands for infinity, which JSON cannot hold; f32
@@ -178,10 +179,9 @@ pub fn view_metrics(prediction: &Image, target: &Image, mask: Option<&Mask>, mu:
     let curve = curve(mu)?;
     let pair = Pair::new(prediction, target, mask)?;
     let (prediction_max, target_max) = pair.maxima();
-    let (target_scene, target_by_max) = (pair.target_planes(1.0, curve), pair.target_planes(target_max, curve));
-    let scene = pair.compare(1.0, &target_scene, curve)?;
-    let gtmax = pair.compare(target_max, &target_by_max, curve)?;
-    let selfmax = pair.compare(prediction_max, &target_by_max, curve)?;
+    let by = |divisors: [f32; 2]| pair.compare(divisors, curve);
+    let by_target = || rayon::join(|| by([target_max; 2]), || by([prediction_max, target_max]));
+    let (scene, (gtmax, selfmax)) = rayon::join(|| by([1.0; 2]), by_target);
     let mut abs_mu = 0.0;
     for (prediction, target) in pair.valid() {
         for c in 0..3 {
@@ -283,33 +283,31 @@ impl<'a> Pair<'a> {
         (or_one(prediction), or_one(target))
     }
 
-    /// Returns the target by channel, divided and under the mu-law. NaN and infinity, which masked
-    /// pixels may hold, become 0.
-    fn target_planes(&self, divisor: f32, curve: MuLaw) -> [Vec<f32>; 3] {
-        let tone = |value: f32| if value.is_finite() { curve.apply((value / divisor).clamp(0.0, 1.0)) } else { 0.0 };
-        [0, 1, 2].map(|channel| self.target.pixels.iter().map(|pixel| tone(pixel[channel])).collect())
-    }
-
-    /// Compares the prediction, divided and under the mu-law, with the target's planes.
-    fn compare(&self, divisor: f32, target: &[Vec<f32>; 3], curve: MuLaw) -> Result<Comparison, MetricsError> {
+    /// Compares the prediction with the target, each divided and under the mu-law. NaN and
+    /// infinity, which masked pixels may hold, become 0.
+    fn compare(&self, [divisor, target_divisor]: [f32; 2], curve: MuLaw) -> Comparison {
         let (mut squares, mut squares_black, mut absolute, mut similarity) = (0.0, 0.0, 0.0, 0.0);
-        let mut p = vec![0f32; self.target.pixels.len()];
-        for (channel, t) in target.iter().enumerate() {
-            for (i, (p, &t)) in p.iter_mut().zip(t).enumerate() {
-                if !self.is_valid(i) {
-                    *p = t;
-                    continue;
+        let [width, height] = [self.target.width, self.target.height];
+        for channel in 0..3 {
+            similarity += ssim_of_rows([width, height], |y, predictions: &mut [f32], targets: &mut [f32]| {
+                for (x, (p, t)) in predictions.iter_mut().zip(targets).enumerate() {
+                    let i = y * width + x;
+                    let value = self.target.pixels[i][channel];
+                    *t = if value.is_finite() { curve.apply((value / target_divisor).clamp(0.0, 1.0)) } else { 0.0 };
+                    if !self.is_valid(i) {
+                        *p = *t;
+                        continue;
+                    }
+                    *p = curve.apply((self.prediction.pixels[i][channel] / divisor).clamp(0.0, 1.0));
+                    let difference = f64::from(*p) - f64::from(*t);
+                    squares += difference * difference;
+                    squares_black += f64::from(*t) * f64::from(*t);
+                    absolute += difference.abs();
                 }
-                *p = curve.apply((self.prediction.pixels[i][channel] / divisor).clamp(0.0, 1.0));
-                let difference = f64::from(*p) - f64::from(t);
-                squares += difference * difference;
-                squares_black += f64::from(t) * f64::from(t);
-                absolute += difference.abs();
-            }
-            similarity += ssim(&p, t, self.target.width, self.target.height)?;
+            });
         }
         let count = 3.0 * self.valid_count as f64;
-        Ok(Comparison { mse: squares / count, mse_black: squares_black / count, l1: absolute / count, ssim: similarity / 3.0 })
+        Comparison { mse: squares / count, mse_black: squares_black / count, l1: absolute / count, ssim: similarity / 3.0 }
     }
 }
 

@@ -10,7 +10,7 @@ use luxel_core::{Image, Knots, PixelValues, RadianceScale, View};
 use crate::{FieldOptions, GainFit, Lpips};
 
 /// Largest number of pixels of images that are read on demand to be measured in parallel.
-const BATCH_PIXELS: u64 = 32_000_000;
+const BATCH_PIXELS: u64 = 16_000_000;
 
 /// Settings of the measurement.
 #[derive(Clone, Copy, Debug)]

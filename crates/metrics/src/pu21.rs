@@ -15,7 +15,8 @@
 //! that of the encoded luminance, both with peak 256. Normalised radiance has no absolute unit, so
 //! every value depends on the luminance at which a display shows 1, cd/m2.
 
-use super::{MetricsError, Pair, psnr_of_mse, ssim_replicated};
+use super::ssim::ssim_replicated_of_rows;
+use super::{Pair, psnr_of_mse};
 use luxel_core::luminance_rec709;
 
 /// The peak of [`pu21_encode`]d values in PSNR and SSIM: about V of 100 cd/m2, the white of the
@@ -37,25 +38,31 @@ pub fn pu21_encode(luminance_cd_m2: f64) -> f64 {
 
 /// Returns PSNR (dB) and SSIM of a pair in linear Rec.709 in which a display shows 1 at
 /// `peak_cd_m2`.
-pub(super) fn pu21_psnr_ssim(pair: &Pair, peak_cd_m2: f64) -> Result<(f64, f64), MetricsError> {
+pub(super) fn pu21_psnr_ssim(pair: &Pair, peak_cd_m2: f64) -> (f64, f64) {
     let encode = |value: f32| pu21_encode(f64::from(value) * peak_cd_m2);
-    let pixels = pair.target.pixels.len();
-    let (mut squares, mut prediction, mut target) = (0.0, Vec::with_capacity(pixels), Vec::with_capacity(pixels));
-    for (i, (&p, &t)) in pair.prediction.pixels.iter().zip(&pair.target.pixels).enumerate() {
-        // A masked pixel may hold NaN, which encodes as black.
-        let of_target = encode(luminance_rec709(t)) / PU21_PEAK;
-        target.push(of_target);
-        if !pair.is_valid(i) {
-            prediction.push(of_target);
-            continue;
+    let [width, height] = [pair.target.width, pair.target.height];
+    let (mut squares, mut rows_done) = (0.0, 0);
+    let similarity = ssim_replicated_of_rows([width, height], |y, predictions, targets| {
+        // The first and the last row come several times.
+        let is_new = y == rows_done;
+        rows_done += usize::from(is_new);
+        for (x, (prediction, target)) in predictions.iter_mut().zip(targets).enumerate() {
+            let i = y * width + x;
+            let (p, t) = (pair.prediction.pixels[i], pair.target.pixels[i]);
+            // A masked pixel may hold NaN, which encodes as black.
+            *target = encode(luminance_rec709(t)) / PU21_PEAK;
+            *prediction = *target;
+            if pair.is_valid(i) {
+                *prediction = encode(luminance_rec709(p)) / PU21_PEAK;
+                if is_new {
+                    for c in 0..3 {
+                        squares += ((encode(p[c]) - encode(t[c])) / PU21_PEAK).powi(2);
+                    }
+                }
+            }
         }
-        prediction.push(encode(luminance_rec709(p)) / PU21_PEAK);
-        for c in 0..3 {
-            squares += ((encode(p[c]) - encode(t[c])) / PU21_PEAK).powi(2);
-        }
-    }
-    let similarity = ssim_replicated(&prediction, &target, pair.target.width, pair.target.height)?;
-    Ok((psnr_of_mse(squares / (3.0 * pair.valid_count as f64)), similarity))
+    });
+    (psnr_of_mse(squares / (3.0 * pair.valid_count as f64)), similarity)
 }
 
 #[cfg(test)]

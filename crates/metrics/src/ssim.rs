@@ -27,9 +27,42 @@ const QUANTITIES: usize = 4;
 /// # Errors
 /// [`MetricsError::Planes`] if a plane does not hold `width * height` values,
 /// [`MetricsError::NoValidPixels`] if that is 0.
-pub fn ssim<T: Copy + Into<f64>>(prediction: &[T], target: &[T], width: usize, height: usize) -> Result<f64, MetricsError> {
+pub fn ssim<T: Copy + Default + Into<f64>>(prediction: &[T], target: &[T], width: usize, height: usize) -> Result<f64, MetricsError> {
     check_planes(prediction, target, width, height)?;
-    Ok(mean_similarity(prediction, target, width, 0))
+    Ok(mean_similarity([width, height], 0, rows_of(prediction, target, width)))
+}
+
+/// Computes [`ssim`] of planes that exist row by row: `fill` writes a row of the prediction and of
+/// the target, and is called for each row once, in order. Neither side may be 0.
+pub(super) fn ssim_of_rows<T: Copy + Default + Into<f64>>(size: [usize; 2], fill: impl FnMut(usize, &mut [T], &mut [T])) -> f64 {
+    mean_similarity(size, 0, fill)
+}
+
+/// Computes [`ssim_replicated`] of planes that exist row by row, as [`ssim_of_rows`] does, but that
+/// `fill` is called for the first and the last row several times.
+pub(super) fn ssim_replicated_of_rows<T: Copy + Default + Into<f64>>(
+    [width, height]: [usize; 2],
+    mut fill: impl FnMut(usize, &mut [T], &mut [T]),
+) -> f64 {
+    let inside = SSIM_RADIUS..SSIM_RADIUS + width;
+    let extended = [width + 2 * SSIM_RADIUS, height + 2 * SSIM_RADIUS];
+    mean_similarity(extended, SSIM_RADIUS, |y, prediction: &mut [T], target: &mut [T]| {
+        fill(y.saturating_sub(SSIM_RADIUS).min(height - 1), &mut prediction[inside.clone()], &mut target[inside.clone()]);
+        for row in [prediction, target] {
+            let ends = [row[inside.start], row[inside.end - 1]];
+            row[..inside.start].fill(ends[0]);
+            row[inside.end..].fill(ends[1]);
+        }
+    })
+}
+
+/// Returns what copies the rows of two planes.
+fn rows_of<'p, T: Copy>(prediction: &'p [T], target: &'p [T], width: usize) -> impl FnMut(usize, &mut [T], &mut [T]) + 'p {
+    move |y, prediction_row, target_row| {
+        let row = y * width..(y + 1) * width;
+        prediction_row.copy_from_slice(&prediction[row.clone()]);
+        target_row.copy_from_slice(&target[row]);
+    }
 }
 
 /// Computes [`ssim`] over the pixels with a window that lies entirely inside the image.
@@ -37,26 +70,31 @@ pub fn ssim<T: Copy + Into<f64>>(prediction: &[T], target: &[T], width: usize, h
 /// # Errors
 /// The same as of [`ssim`], and [`MetricsError::NoValidPixels`] for an image smaller than the
 /// window (11 pixels).
-pub fn ssim_interior<T: Copy + Into<f64>>(prediction: &[T], target: &[T], width: usize, height: usize) -> Result<f64, MetricsError> {
+pub fn ssim_interior<T: Copy + Default + Into<f64>>(
+    prediction: &[T],
+    target: &[T],
+    width: usize,
+    height: usize,
+) -> Result<f64, MetricsError> {
     check_planes(prediction, target, width, height)?;
     if width.min(height) < TAPS {
         return Err(MetricsError::NoValidPixels);
     }
-    Ok(mean_similarity(prediction, target, width, SSIM_RADIUS))
+    Ok(mean_similarity([width, height], SSIM_RADIUS, rows_of(prediction, target, width)))
 }
 
 /// Computes [`ssim`] of an image that is extended by its border pixels instead of zeros.
 ///
 /// # Errors
 /// The same as of [`ssim`].
-pub fn ssim_replicated<T: Copy + Into<f64>>(prediction: &[T], target: &[T], width: usize, height: usize) -> Result<f64, MetricsError> {
+pub fn ssim_replicated<T: Copy + Default + Into<f64>>(
+    prediction: &[T],
+    target: &[T],
+    width: usize,
+    height: usize,
+) -> Result<f64, MetricsError> {
     check_planes(prediction, target, width, height)?;
-    let nearest = |i: usize, side: usize| i.saturating_sub(SSIM_RADIUS).min(side - 1);
-    let continued = |plane: &[T]| {
-        let row = |y: usize| (0..width + 2 * SSIM_RADIUS).map(move |x| plane[nearest(y, height) * width + nearest(x, width)]);
-        (0..height + 2 * SSIM_RADIUS).flat_map(row).collect::<Vec<T>>()
-    };
-    Ok(mean_similarity(&continued(prediction), &continued(target), width + 2 * SSIM_RADIUS, SSIM_RADIUS))
+    Ok(ssim_replicated_of_rows([width, height], rows_of(prediction, target, width)))
 }
 
 fn check_planes<T>(prediction: &[T], target: &[T], width: usize, height: usize) -> Result<(), MetricsError> {
@@ -67,17 +105,21 @@ fn check_planes<T>(prediction: &[T], target: &[T], width: usize, height: usize) 
     if pixels == 0 { Err(MetricsError::NoValidPixels) } else { Ok(()) }
 }
 
-/// Returns the mean over all pixels except a frame `margin` pixels wide. The image must be larger
-/// than the frame.
-fn mean_similarity<T: Copy + Into<f64>>(prediction: &[T], target: &[T], width: usize, margin: usize) -> f64 {
-    let height = target.len() / width;
+/// Returns the mean over all pixels except a frame `margin` pixels wide, of rows that `fill` writes
+/// in order. The image must be larger than the frame.
+fn mean_similarity<T: Copy + Default + Into<f64>>(
+    [width, height]: [usize; 2],
+    margin: usize,
+    mut fill: impl FnMut(usize, &mut [T], &mut [T]),
+) -> f64 {
     let mut rows = BlurredRows::new(width);
+    let (mut prediction, mut target) = (vec![T::default(); width], vec![T::default(); width]);
     let mut sum = 0.0;
     let mut filled = 0;
     for y in 0..height - margin {
         while filled < height.min(y + SSIM_RADIUS + 1) {
-            let row = filled * width..(filled + 1) * width;
-            rows.push(filled, &prediction[row.clone()], &target[row]);
+            fill(filled, &mut prediction, &mut target);
+            rows.push(filled, &prediction, &target);
             filled += 1;
         }
         if y >= margin {
