@@ -18,7 +18,7 @@ use std::sync::Arc;
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{
     ChannelSource, ChannelStep, DeepImage, DensifyPlan, DensifyStats, Differentiable, Evaluations, Geometry, MomentFormat, SavedPart,
-    SparseGradients, SplatArray, StepConfig, SurfaceImage, check_channels, check_range,
+    SparseGradients, SplatArray, StepConfig, SurfaceImage, check_channels, check_range, tile_memory,
 };
 use luxel_core::{
     Camera, ColorModel, Engine, EngineError, Image, Layers, Moments, PassTime, Remedy, RenderOptions, Splats, StepReport, View,
@@ -84,7 +84,8 @@ impl CpuEngine {
     }
 
     /// Sets how much a step may keep about its tiles from the forward to the backward pass, bytes;
-    /// 1 GiB unless set. What does not fit is computed twice, with the same bits.
+    /// 1 GiB unless set. What does not fit is computed twice, with the same bits. Of gradients a
+    /// step keeps half as much, or makes them band by band.
     pub fn set_tile_memory(&mut self, bytes: usize) {
         self.record_bytes = bytes;
         self.state.set_record_bytes(bytes);
@@ -309,6 +310,10 @@ impl Engine for CpuEngine {
 
     fn differentiable(&self) -> Option<&dyn Differentiable> {
         Some(self)
+    }
+
+    fn limit_images(&mut self, bytes: u64) {
+        self.set_tile_memory(self.record_bytes.min(usize::try_from(tile_memory(bytes)).unwrap_or(usize::MAX)));
     }
 
     fn check_finite(&mut self) -> Result<(), EngineError> {

@@ -66,7 +66,8 @@ pub fn check_room(work: &str, bytes: u64, instead: &'static str) -> Result<()> {
 }
 
 /// Returns what a step on the processor may keep about tiles of the image, bytes: an eighth of the
-/// memory that the system allows, within limits.
+/// memory that the system allows, within limits. A limit for images lowers it
+/// ([`luxel_core::engine::tile_memory`]).
 pub fn tile_bytes() -> u64 {
     luxel_io::system_memory().map_or(1 << 30, |bytes| (bytes / 8).clamp(256 << 20, 8 << 30))
 }

@@ -77,6 +77,12 @@ impl EngineError {
     }
 }
 
+/// Returns how much an engine may keep about the tiles of an image from pass to pass where images
+/// may take `image_bytes`: a quarter of that, and at least 256 MiB.
+pub fn tile_memory(image_bytes: u64) -> u64 {
+    (image_bytes / 4).max(256 << 20)
+}
+
 fn no_channels() -> EngineError {
     EngineError::invalid("this engine blends no channels but radiance").with_remedy(Remedy::set("device", "cpu"))
 }
@@ -316,8 +322,8 @@ pub trait Engine: Send {
         Ok(self.geometry()?.check_finite()?)
     }
 
-    /// Sets how much of its own memory the engine may fill with images that it keeps, bytes; an
-    /// engine that keeps none has nothing to set.
+    /// Sets how much memory images may take, bytes: the engine keeps no more of them in memory of
+    /// its own, and no more about the tiles of one than [`tile_memory`]. No result depends on it.
     fn limit_images(&mut self, _bytes: u64) {}
 
     /// Waits for all steps in flight: to measure, or before a pause.

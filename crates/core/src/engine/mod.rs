@@ -24,7 +24,7 @@ mod surface;
 
 pub use camera_gradient::{CAMERA_SUMS, CameraGradient, CameraGradientChoice, CameraSums};
 pub use channels::{ChannelLoss, ChannelRoles, ChannelSource, ChannelStep, LEAST_CHANNELS, MeasuredChannels, SeenSplats, check_channels};
-pub use contract::{Engine, EngineError};
+pub use contract::{Engine, EngineError, tile_memory};
 pub use deep::{DeepImage, DeepSample, merge_samples};
 pub use densify::{DensifyPlan, DensifyStats, Geometry, PlanRow};
 pub use differentiable::{

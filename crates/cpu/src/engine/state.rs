@@ -32,8 +32,8 @@ use crate::passes::project_backward::Inputs;
 use crate::passes::rasterize::TilePixels;
 use crate::passes::rasterize_backward::{AbsoluteSums, BlockGradient, RasterizedTiles, rasterize_backward};
 use crate::passes::samples::{resolve, spread};
+use crate::passes::screen_gradients::{ByScreen, ScreenGradients};
 use crate::passes::sort_and_rasterize::sort_and_rasterize;
-use crate::passes::sums::EntryGradient;
 use crate::passes::tile_records::{Recording, TileInputs, TileRecords};
 use crate::passes::update::{NextView, Scratch, UpdateBuffers, backward_and_adam};
 use crate::store::Store;
@@ -87,7 +87,7 @@ pub(super) struct Frame {
     loss: LossBuffers,
     /// With supersampling, the gradient by the samples' radiance.
     sample_gradient: Vec<BlockGradient>,
-    entries: Vec<EntryGradient>,
+    by_screen: ScreenGradients,
     channels: ChannelFrame,
     scratch: Scratch,
 }
@@ -102,7 +102,7 @@ impl Frame {
             resolved: Vec::new(),
             loss: LossBuffers::default(),
             sample_gradient: Vec::new(),
-            entries: Vec::new(),
+            by_screen: ScreenGradients::default(),
             channels: ChannelFrame::default(),
             scratch: Scratch::default(),
         }
@@ -111,11 +111,10 @@ impl Frame {
     /// Gives the memory back that only steps need, if it is much.
     fn release_idle(&mut self) {
         let gradients = [&self.loss.gradient, &self.sample_gradient].map(|gradient| gradient.capacity() * size_of::<BlockGradient>());
-        let entries = self.entries.capacity() * size_of::<EntryGradient>();
-        let entries = entries + self.channels.bytes();
-        if self.records.kept_bytes() + entries + gradients.iter().sum::<usize>() > IDLE_BYTES {
+        let by_screen = self.by_screen.capacity_bytes() + self.channels.bytes();
+        if self.records.kept_bytes() + by_screen + gradients.iter().sum::<usize>() > IDLE_BYTES {
             self.records.release();
-            self.entries = Vec::new();
+            self.by_screen = ScreenGradients::default();
             self.channels = ChannelFrame::default();
             self.loss = LossBuffers::default();
             self.sample_gradient = Vec::new();
@@ -246,15 +245,16 @@ impl State {
     /// Applies a step's gradients, and projects the splats for the next view, if it is known.
     fn update(&mut self, Update { camera, step, channels }: &Update, next: Option<&ScreenCamera>) {
         let Self { level, parameters, moments, smoothing, stats, frame, timings, .. } = self;
-        let Frame { bins, entries, scratch, footprints, channels: of_channels, .. } = frame;
+        let Frame { bins, by_screen, scratch, footprints, channels: of_channels, .. } = frame;
         let mut clock = Clock::new(timings);
         resize_for(parameters, footprints);
         let next = next.map(|camera| NextView { camera, footprints });
         let inputs = match channels {
-            None => Inputs::new(parameters, smoothing, bins, entries, &step.loss),
+            None => Inputs::new(parameters, smoothing, bins, by_screen.by_screen(), &step.loss),
             Some(measured) => {
                 let ChannelFrame { sums, by_radiance, .. } = of_channels;
-                Inputs::new(parameters, smoothing, bins, &sums.entries, &step.loss).with_radiance(by_radiance, *measured)
+                let of_entries = ByScreen::Entries(&sums.entries);
+                Inputs::new(parameters, smoothing, bins, of_entries, &step.loss).with_radiance(by_radiance, *measured)
             }
         };
         let optimizer = Optimizer { parameters, moments };
@@ -331,7 +331,7 @@ impl State {
         let splats = ScreenSplats { bins: &frame.bins, footprints: &frame.footprints };
         let inputs = TileInputs { level: *level, camera, splats, recording: Recording::Changes, channels: None };
         let tiles = RasterizedTiles { records: &frame.records, pixels: &frame.pixels };
-        rasterize_backward(&inputs, tiles, gradient, absolute, &mut frame.entries);
+        rasterize_backward(&inputs, tiles, gradient, absolute, &mut frame.by_screen);
         clock.lap(Pass::RasterizeBackward);
         let loss = step.loss.total(l1, l2, ssim);
         StepReport { step: step.step, loss, l1, ssim, visible: frame.bins.visible(), by_knots, camera: None, by_vignetting }
@@ -353,7 +353,7 @@ impl State {
     /// Computes the gradient by the camera from the gradients of the tiles' entries.
     fn camera_backward(&mut self, camera: &ScreenCamera, view: &View, step: &StepConfig) -> CameraGradient {
         let Self { level, parameters, smoothing, frame, timings, .. } = self;
-        let inputs = Inputs::new(parameters, smoothing, &frame.bins, &frame.entries, &step.loss);
+        let inputs = Inputs::new(parameters, smoothing, &frame.bins, frame.by_screen.by_screen(), &step.loss);
         let mut clock = Clock::new(timings);
         let sums = camera_backward(*level, camera, &inputs, &parameters.lanes);
         clock.lap(Pass::ProjectBackward);

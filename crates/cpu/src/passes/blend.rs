@@ -12,9 +12,8 @@ use rayon::prelude::*;
 use super::more_channels::BlendChannels;
 use super::more_channels_backward::{DifferentiateChannels, FirstThree, padded};
 use super::rasterize::{TilePixels, rasterize, rasterize_more};
-use super::rasterize_backward::{
-    AbsoluteSums, BlockGradient, TileBackward, block_in_image, differentiate_more, differentiate_tile, resize,
-};
+use super::rasterize_backward::{AbsoluteSums, BlockGradient, TileBackward, block_in_image, differentiate_more, differentiate_tile};
+use super::screen_gradients::resize;
 use super::sort::Tile;
 use super::splat_channels::{FIRST, SplatChannels};
 use super::sums::EntryGradient;

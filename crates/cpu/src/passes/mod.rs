@@ -11,9 +11,9 @@
 //!
 //! Helpers: `picks` finds the splats of a block for `rasterize`; `changes` records which splats
 //! changed which pixels, for `rasterize_backward`; `sums` adds gradients up over the pixels of a
-//! block; `more_channels` blends more than three channels; `samples` averages supersamples;
-//! `tile_records` keeps what passes know about tiles; `pass_times` measures passes that run
-//! together.
+//! block, and `screen_gradients` keeps them; `more_channels` blends more than three channels;
+//! `samples` averages supersamples; `tile_records` keeps what passes know about tiles; `pass_times`
+//! measures passes that run together.
 
 pub(crate) mod activated;
 pub(crate) mod adam;
@@ -47,6 +47,7 @@ pub(crate) mod project_rays;
 pub(crate) mod rasterize;
 pub(crate) mod rasterize_backward;
 pub(crate) mod samples;
+pub(crate) mod screen_gradients;
 pub(crate) mod sort;
 pub(crate) mod sort_and_rasterize;
 pub(crate) mod sparse_update;

@@ -1,8 +1,8 @@
 //! Pass `project_backward`: computes the gradient by position, rotation, scale and opacity, and
 //! calls pass `color_backward` for the rest.
 //!
-//! In: a block's parameters, per-entry gradients of `rasterize_backward`, bins. Out: the block's
-//! gradient rows `[rows, 16]`, if one of its splats is visible (or there are regularisers),
+//! In: a block's parameters, gradients by the screen of `rasterize_backward`, bins. Out: the
+//! block's gradient rows `[rows, 16]`, if one of its splats is visible (or there are regularisers),
 //! densification statistics. A splat's entries are summed in the order of its tiles: the same bits
 //! for any number of threads. Derivation: reverse mode through `project`; with M^T M the inverse
 //! covariance and S the second moments of the offsets whitened by M, dE/dcovariance = M^T S M / 2.
@@ -22,6 +22,7 @@ use super::encoding::Logarithmic;
 use super::project::{Projection, SQRT_HALF_LOG2_E};
 use super::project_backward_rays::{self, PlaneGradient, dilation_backward};
 use super::project_rays::{Facing, project_to_plane};
+use super::screen_gradients::ByScreen;
 use super::sums::{ENTRY_LEN, EntryGradient};
 use crate::lanes::{LANES, Lanes, V, dot, fill_rows, outlined};
 use crate::store::{Block, Store, StoreShape};
@@ -32,8 +33,8 @@ pub(crate) struct Inputs<'a> {
     pub(crate) shape: StoreShape,
     pub(crate) smoothing: &'a [Lanes],
     pub(crate) bins: &'a Bins,
-    /// Gradients of the entries of all tiles, in the order of the bins.
-    pub(crate) entries: &'a [EntryGradient],
+    /// Gradients by the screen.
+    pub(crate) by_screen: ByScreen<'a>,
     pub(crate) loss: &'a LossWeights,
     /// Gradients by the splats' radiance, `[N]`, where channels were blended in its place.
     pub(crate) by_radiance: Option<&'a [[f32; 3]]>,
@@ -43,8 +44,8 @@ pub(crate) struct Inputs<'a> {
 
 impl<'a> Inputs<'a> {
     /// Collects the inputs for the splats of `store`, which is not borrowed and can be updated.
-    pub(crate) fn new(store: &Store, smoothing: &'a [Lanes], bins: &'a Bins, entries: &'a [EntryGradient], loss: &'a LossWeights) -> Self {
-        Self { shape: store.shape(), smoothing, bins, entries, loss, by_radiance: None, measured: MeasuredChannels::All }
+    pub(crate) fn new(store: &Store, smoothing: &'a [Lanes], bins: &'a Bins, by_screen: ByScreen<'a>, loss: &'a LossWeights) -> Self {
+        Self { shape: store.shape(), smoothing, bins, by_screen, loss, by_radiance: None, measured: MeasuredChannels::All }
     }
 
     /// Takes the gradient by radiance from `by_radiance`, `[N]`, in place of the entries.
@@ -164,7 +165,20 @@ impl BlockSums {
     /// Gathers the sums of block number `block`.
     #[inline(always)]
     pub(crate) fn gather<S: Simd>(&mut self, simd: S, inputs: &Inputs<'_>, block: usize) {
-        self.gather_entries(simd, inputs.bins, inputs.entries, block * LANES..inputs.shape.count.min((block + 1) * LANES));
+        let range = block * LANES..inputs.shape.count.min((block + 1) * LANES);
+        match inputs.by_screen {
+            ByScreen::Entries(entries) => self.gather_entries(simd, inputs.bins, entries, range),
+            ByScreen::Splats(sums) => self.take(inputs.bins, sums, range),
+        }
+    }
+
+    /// Takes the sums of the splats of a range, all within one block.
+    fn take(&mut self, bins: &Bins, sums: &[EntryGradient], range: Range<usize>) {
+        let lists = bins.entries(range.start, range.len());
+        for (((row, visible), entries), sum) in self.rows.iter_mut().zip(&mut self.visible).zip(lists).zip(&sums[range]) {
+            *visible = !entries.is_empty();
+            row.0[..ENTRY_LEN].copy_from_slice(bytemuck::cast_ref::<_, [f32; ENTRY_LEN]>(sum));
+        }
     }
 
     /// Gathers the sums of the splats of a range, all within one block.

@@ -2,8 +2,8 @@
 //!
 //! In: the tiles' records and pixels, gradient of the loss by the pixels' radiance
 //! ([`BlockGradient`]s row by row). Out: one [`EntryGradient`] per entry of a tile, in the order of
-//! the bins: sums over the tile's pixels. A later pass gathers them by splat in a fixed
-//! order, so no two threads ever add to the same number.
+//! the bins: sums over the tile's pixels. They are gathered by splat in a fixed order, by a later
+//! pass or band by band, so no two threads ever add to the same number.
 //!
 //! With w_i = T_i alpha_i and S_i = sum over j > i of w_j c_j (background last), d alpha_i = T_i
 //! c_i - S_i / (1 - alpha_i), dotted with the pixel's gradient. By the odds o_i = alpha_i / (1 -
@@ -14,6 +14,8 @@
 //! `project_backward` converts them for each splat. Degenerate: where alpha is capped it has no
 //! gradient.
 
+use std::ops::Range;
+
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 use luxel_core::{Real, each};
@@ -23,12 +25,16 @@ use super::changes::BlockChanges;
 use super::more_channels::NoMore;
 use super::more_channels_backward::{DifferentiateMore, Unwound};
 use super::rasterize::{BlockPixels, Centers, Pixels, Rays, TilePixels};
+use super::screen_gradients::{ScreenGradients, bands};
 use super::sort::Entry;
 use super::sums::{EntryGradient, Staged, Summed, SummedSplats};
 use super::tile_records::{TileInputs, TileRecord, TileRecords};
 use crate::lanes::{LANES, LOG2_OF_ZERO, Lanes, M, V, with_simd};
 use crate::prefetch::fetch;
 use crate::view::{BLOCKS, ScreenBlock, ScreenCamera, TILE_BLOCKS};
+
+/// The part of the memory for records that the gradients of entries may take.
+const ENTRIES_SHARE: usize = 2;
 
 /// The gradient by the radiance of a block's pixels.
 pub(crate) type BlockGradient = [Lanes; 3];
@@ -62,33 +68,47 @@ struct BlockInputs<'a> {
 /// Differentiates all tiles.
 pub(crate) fn rasterize_backward(
     inputs: &TileInputs<'_>,
+    tiles: RasterizedTiles<'_>,
+    gradients: &[BlockGradient],
+    absolute: AbsoluteSums,
+    out: &mut ScreenGradients,
+) {
+    let (bins, count) = (inputs.splats.bins, tiles.pixels.len());
+    // Lists of rays are not in the order of tiles.
+    let limit_bytes = if inputs.camera.rays.is_none() { tiles.records.limit_bytes() / ENTRIES_SHARE } else { usize::MAX };
+    let bands = bands(bins, count, limit_bytes);
+    if let [_] = *bands {
+        return differentiate_tiles(inputs, tiles, gradients, absolute, 0..count, out.all(bins));
+    }
+    out.begin_bands(inputs.splats.footprints.len());
+    for band in bands {
+        let entries = bins.range(band.start).start..bins.range(band.end - 1).end;
+        differentiate_tiles(inputs, tiles, gradients, absolute, band, out.band(entries.len()));
+        out.add_band(bins, entries);
+    }
+}
+
+/// Differentiates a range of tiles, of whose entries `out` are the gradients.
+fn differentiate_tiles(
+    inputs: &TileInputs<'_>,
     RasterizedTiles { records, pixels }: RasterizedTiles<'_>,
     gradients: &[BlockGradient],
     absolute: AbsoluteSums,
-    out: &mut Vec<EntryGradient>,
+    range: Range<usize>,
+    out: &mut [EntryGradient],
 ) {
     let TileInputs { camera, splats, .. } = *inputs;
-    resize(out, splats.bins.len());
     let across = camera.tiles()[0];
-    let mut rest = out.as_mut_slice();
+    let mut rest = out;
     let outs: Vec<&mut [EntryGradient]> =
-        (0..pixels.len()).map(|tile| rest.split_off_mut(..splats.bins.range(tile).len()).unwrap_or_default()).collect();
+        range.clone().map(|tile| rest.split_off_mut(..splats.bins.range(tile).len()).unwrap_or_default()).collect();
     // Tile by tile, as in `sort_and_rasterize`.
-    outs.into_par_iter().zip(pixels).enumerate().with_max_len(1).for_each(|(tile, (out, pixels))| {
+    outs.into_par_iter().zip(&pixels[range.clone()]).enumerate().with_max_len(1).for_each(|(n, (out, pixels))| {
+        let tile = range.start + n;
         out.fill(EntryGradient::default());
         let work = TileBackward::new(tile, across, pixels, gradients, absolute);
         records.read(inputs, tile, |record| differentiate_tile(inputs, record, &work, out));
     });
-}
-
-/// Makes room for so many gradients, whose contents are arbitrary.
-pub(crate) fn resize<T: Clone + Default>(out: &mut Vec<T>, len: usize) {
-    if out.capacity() < len {
-        // The old memory is freed before the new is allocated.
-        *out = Vec::new();
-        out.reserve_exact(len + len / 8);
-    }
-    out.resize(len, T::default());
 }
 
 /// The inputs of differentiating a tile, besides its record.

@@ -129,6 +129,11 @@ impl TileRecords {
         self.shelf.limit_bytes = limit_bytes;
     }
 
+    /// Returns the room for records, bytes.
+    pub(crate) fn limit_bytes(&self) -> usize {
+        self.shelf.limit_bytes
+    }
+
     /// Gives all memory back.
     pub(crate) fn release(&mut self) {
         self.set_limit(self.shelf.limit_bytes);

@@ -1,4 +1,4 @@
-//! Any memory for records of tiles gives the same bits.
+//! Any memory for records and gradients of tiles gives the same bits.
 
 use luxel_core::engine::{Evaluations, StatsCollection, StepConfig};
 use luxel_core::{
@@ -9,7 +9,7 @@ use luxel_cpu::CpuEngine;
 use crate::fixture;
 
 const LCD: ColorModel = ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation: Activation::Softplus };
-/// Room for no record, for some, and for all.
+/// Room for no record and gradients band by band, for some, and for all.
 const MEMORY_BYTES: [usize; 3] = [0, 64 << 10, 1 << 30];
 
 /// The results of an engine for some views.

@@ -8,7 +8,7 @@
 //! against those that it starts with, of a given scene all; the bound is reported. Degenerate:
 //! where the system tells no limit, nothing is refused.
 
-use luxel_core::engine::ParameterRows;
+use luxel_core::engine::{ParameterRows, tile_memory};
 use luxel_core::{ColorModel, Remedy};
 use luxel_io::{ImagePlan, IoError, system_memory};
 use luxel_train::{TrainConfig, first_colors_bytes, stereo_bytes};
@@ -17,8 +17,12 @@ use crate::{memory, text};
 
 /// Bytes per pixel and sample that a step holds on a processor, and that it keeps about tiles
 /// where it may.
-const STEP_PIXEL_BYTES: u64 = 150;
+const STEP_PIXEL_BYTES: u64 = 90;
 const TILE_PIXEL_BYTES: u64 = 320;
+/// Bytes per pixel and sample of the gradients of tiles. Where they do not fit into half the memory
+/// for what is kept, a step makes them band by band, of which there are at most so many.
+const GRADIENT_PIXEL_BYTES: u64 = 70;
+const MOST_BANDS: u64 = 15;
 /// Bytes per pixel that a step holds besides where images have vignetting.
 const VIGNETTED_PIXEL_BYTES: u64 = 16;
 /// Bytes per pixel that a step holds besides of a method that blends channels of its own: images,
@@ -27,7 +31,7 @@ const CHANNEL_PIXEL_BYTES: u64 = 600;
 /// Bytes per pixel and sample that a render holds on a processor, and bytes per pixel that a
 /// measurement holds beside it. A render gives back what only steps need.
 const RENDER_PIXEL_BYTES: u64 = 70;
-const MEASURED_PIXEL_BYTES: u64 = 160;
+const MEASURED_PIXEL_BYTES: u64 = 80;
 /// Copies of a splat's parameters at a time: the parameters, two moments, and the four arrays of a
 /// checkpoint that a run continues from, or the gradient, the mean and what densification moves.
 const COPIES: u64 = 7;
@@ -40,8 +44,15 @@ const BASE_BYTES: u64 = 100 << 20;
 /// their moments and gradient, and the bytes of its steps on images of so many pixels.
 pub(crate) fn engine_bytes(splats: u64, color_model: ColorModel, largest_px: u64) -> u64 {
     let rows = ParameterRows { color_model }.count() as u64;
-    let step = STEP_PIXEL_BYTES * largest_px + memory::tile_bytes().min(TILE_PIXEL_BYTES * largest_px);
+    let step = STEP_PIXEL_BYTES * largest_px + of_tiles(largest_px, memory::tile_bytes());
     splats.saturating_mul(4 * COPIES * rows + SPLAT_BYTES).saturating_add(step)
+}
+
+/// Returns what a step holds about the tiles of so many samples, bytes, and keeps at most
+/// `tile_bytes` of.
+fn of_tiles(samples: u64, tile_bytes: u64) -> u64 {
+    let gradients = GRADIENT_PIXEL_BYTES * samples;
+    tile_bytes.min(TILE_PIXEL_BYTES * samples) + gradients.min((tile_bytes / 2).max(gradients / MOST_BANDS))
 }
 
 /// Estimates of the memory that a run takes, bytes.
@@ -66,7 +77,7 @@ impl RunMemory {
     /// `scene_splats` splats, if it does. On a GPU, the buffers of a step and the splats are in its
     /// own memory.
     pub fn new(plan: &ImagePlan, train: &TrainConfig, scene_splats: Option<u64>, is_on_gpu: bool) -> Self {
-        Self::estimate(plan, train, scene_splats, is_on_gpu, memory::tile_bytes())
+        Self::estimate(plan, train, scene_splats, is_on_gpu, memory::tile_bytes().min(tile_memory(plan.limit_bytes)))
     }
 
     /// Returns the estimates with so many bytes for what a step may keep about tiles.
@@ -77,7 +88,7 @@ impl RunMemory {
         let pixel_bytes = STEP_PIXEL_BYTES
             + if train.vignetting { VIGNETTED_PIXEL_BYTES } else { 0 }
             + if is_in_channels { CHANNEL_PIXEL_BYTES } else { 0 };
-        let step = pixel_bytes * step_samples + tile_bytes.min(TILE_PIXEL_BYTES * step_samples);
+        let step = pixel_bytes * step_samples + of_tiles(step_samples, tile_bytes);
         let measurement = (RENDER_PIXEL_BYTES * samples + MEASURED_PIXEL_BYTES) * plan.largest_px;
         let gradients = match is_in_channels {
             // Channels, features and values of networks, and gradients by them, fewer than that.

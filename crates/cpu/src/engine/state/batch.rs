@@ -32,7 +32,7 @@ impl State {
             report.camera = Some(self.camera_backward(camera, view, step));
         }
         let Self { level, parameters, smoothing, frame, spare_gradients, timings, .. } = self;
-        let inputs = Inputs::new(parameters, smoothing, &frame.bins, &frame.entries, &step.loss);
+        let inputs = Inputs::new(parameters, smoothing, &frame.bins, frame.by_screen.by_screen(), &step.loss);
         let mut clock = Clock::new(timings);
         let spare = spare_gradients.pop().unwrap_or_else(|| SparseGradients::none(parameters.layout));
         let gradients = sparse_gradients(*level, camera, &inputs, &parameters.lanes, step.stats, spare);
@@ -61,7 +61,7 @@ impl State {
     pub(in crate::engine) fn gradients(&mut self, camera: &ScreenCamera, view: &View, step: &StepConfig) -> (StepReport, Splats) {
         let report = self.forward_backward(camera, view, step);
         let Self { level, parameters, smoothing, stats, frame, timings, .. } = self;
-        let inputs = Inputs::new(parameters, smoothing, &frame.bins, &frame.entries, &step.loss);
+        let inputs = Inputs::new(parameters, smoothing, &frame.bins, frame.by_screen.by_screen(), &step.loss);
         let stats = (step.stats != StatsCollection::Off).then_some(stats);
         let mut clock = Clock::new(timings);
         let lanes = gradients(*level, camera, &inputs, &parameters.lanes, stats);

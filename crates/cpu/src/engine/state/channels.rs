@@ -16,6 +16,7 @@ use crate::passes::blend::{Blended, ChannelGradient, ChannelPixels, EntrySums, b
 use crate::passes::channel_planes::{SeenBuffers, fill_gradient, gather_channels, to_planes};
 use crate::passes::project_backward::Inputs;
 use crate::passes::rasterize_backward::AbsoluteSums;
+use crate::passes::screen_gradients::ByScreen;
 use crate::passes::sparse_update::sparse_gradients;
 use crate::passes::splat_channels::{FIRST, SplatChannels};
 use crate::passes::sums::EntryGradient;
@@ -155,7 +156,8 @@ impl State {
             return (report, SparseGradients::none(parameters.layout));
         }
         let ChannelFrame { sums, by_radiance, .. } = &frame.channels;
-        let inputs = Inputs::new(parameters, smoothing, &frame.bins, &sums.entries, &step.loss).with_radiance(by_radiance, measured);
+        let of_entries = ByScreen::Entries(&sums.entries);
+        let inputs = Inputs::new(parameters, smoothing, &frame.bins, of_entries, &step.loss).with_radiance(by_radiance, measured);
         let mut clock = Clock::new(timings);
         let gradients = sparse_gradients(*level, camera, &inputs, &parameters.lanes, step.stats, SparseGradients::none(parameters.layout));
         clock.lap(Pass::ProjectBackward);
