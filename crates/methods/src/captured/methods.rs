@@ -10,8 +10,8 @@ use luxel_train::{
     MethodState, MethodStep, NamedChoice, Scheme, StepImages, StepMethod, StepMethods, ToneMapperRecord, TrainConfig, TrainError,
 };
 
-use super::pair::{check_captured, check_pairs, exposure_of, one_exposure};
 use super::{GaussRates, GaussStep, GaussTarget, LiftedEngine, PairTargets, SharedLift, SharedNetworks, folded, tone_rate};
+use crate::captured::images::checks::{check_captured, check_pairs, exposure_of, one_exposure};
 
 /// Exponent of a camera's response that first colours assume: that of displays.
 const DISPLAY_GAMMA: f32 = 2.2;
