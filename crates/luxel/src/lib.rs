@@ -109,7 +109,7 @@ pub use luxel_core::{Camera, ColorSpace, Edit, Remedy, View};
 pub use luxel_cpu::InstructionSet;
 pub use luxel_io::{ImageMemory, LoadOptions, PathCamera, Supervision};
 pub use luxel_metrics::SplitMetrics;
-pub use luxel_train::{LensVignetting, Method, MethodSpec, PoseChange, PoseReport, Preset, TrainConfig};
+pub use luxel_train::{LensVignetting, Method, PoseChange, PoseReport, Preset, TrainConfig};
 pub use probe::{Probe, ProbeOptions};
 pub use processor_time::processor_seconds;
 pub use radiance::{FAR_DEPTH, RADIANCE_SCALE, Radiance, RadianceLayers};

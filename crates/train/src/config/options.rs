@@ -136,13 +136,13 @@ options! {
         /// Fraction of L1 that is replaced by d^2 / 0.06, where d is a pixel's difference under the
         /// mu-law, so that large errors count more
         squared_share: f32 = 0.5, "FRACTION", Range::Share;
+    }
+    "Published methods" {
         /// Quantity whose squared error a radiance field minimises
         field_loss: Option<FieldLoss> = None, "FIELD_LOSS", Range::Any, unset: "mulaw", needs: [FieldOnRadiance];
         /// Network of a radiance field: grid, a hash grid with small networks, or a deep network
         /// without a grid as LAYERSxUNITS; the published 8x256 takes days
         field_network: Option<FieldNetworkChoice> = None, "NETWORK", Range::Any, unset: "grid", needs: [Field];
-    }
-    "Radiance and captured images" {
         /// Weight of the loss of radiance
         hdr_weight: f32 = 0.6, "WEIGHT", Range::AtLeast(0), needs: [Pairs];
         /// Weight of the loss of captured images
