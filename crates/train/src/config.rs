@@ -10,15 +10,17 @@ mod options;
 mod own_steps;
 mod preset;
 mod range;
+mod registry;
 mod spec;
 mod validate;
 
 pub use choices::{
-    BatchRule, CutoffPreset, ExposureCompensation, FieldLoss, Freeze, HdrNormalisation, Method, NamedChoice, Preset, ScaleRule, Strategy,
+    BatchRule, CutoffPreset, ExposureCompensation, FieldLoss, Freeze, HdrNormalisation, NamedChoice, Preset, ScaleRule, Strategy,
 };
 pub use field_network::FieldNetworkChoice;
 pub use options::{OPTIONS, TrainConfig};
 pub use range::Range;
+pub use registry::{ColorValues, Colors, Method, MethodSpec, Representation, Scheme};
 pub use spec::{Condition, OptionSpec, ValueHelp};
 pub use validate::Misplaced;
 
@@ -100,33 +102,7 @@ impl TrainConfig {
     /// Returns the colour model selected by `method` and the degree options. Fields have none; LCD
     /// is returned for them.
     pub fn color_model(&self) -> ColorModel {
-        match self.sh_degree() {
-            _ if self.method == Method::GaussHdrAnchors => ColorModel::LogSh { degree: 0 },
-            // The networks see the direction.
-            _ if self.method == Method::LcdAnchors => {
-                ColorModel::Lcd { chroma_degree: 0, luminance_degree: 0, activation: self.activation.unwrap_or_default() }
-            }
-            _ if matches!(self.method, Method::LogSh3 | Method::HdrGs | Method::GaussHdr) => ColorModel::LogSh { degree: 3 },
-            Some(degree) => ColorModel::Sh { degree },
-            None => ColorModel::Lcd {
-                chroma_degree: self.chroma_degree.unwrap_or(CHROMA_DEGREE),
-                luminance_degree: self.luminance_degree.unwrap_or(LUMINANCE_DEGREE),
-                activation: self.activation.unwrap_or_default(),
-            },
-        }
-    }
-
-    fn sh_degree(&self) -> Option<u8> {
-        match self.method {
-            Method::Lcd | Method::LogSh3 | Method::HdrGs | Method::GaussHdr | Method::LcdAnchors | Method::GaussHdrAnchors => None,
-            Method::NerfGrid | Method::HdrNerfGrid | Method::MonoHdrNerfGrid => None,
-            Method::Sh0 => Some(0),
-            Method::Sh1 => Some(1),
-            Method::Sh2 => Some(2),
-            Method::Sh3 | Method::MonoHdrGs => Some(3),
-            Method::Sh4 => Some(4),
-            Method::Sh5 => Some(5),
-        }
+        self.method.spec().colors.model(self)
     }
 
     /// Returns the settings of the rasteriser at the end of training.
@@ -143,7 +119,7 @@ impl TrainConfig {
     /// Returns the number of samples along a pixel's side at the end of a run on training images
     /// of at most `largest_px` pixels.
     pub fn samples_for(&self, largest_px: u64) -> u8 {
-        let has_networks = self.method.has_own_steps() || self.method.has_anchors();
+        let has_networks = self.method.has_own_steps() || self.method.spec().representation == Representation::Anchors;
         self.samples.unwrap_or(if has_networks || largest_px > MOST_SUPERSAMPLED_PX { 1 } else { 2 })
     }
 
@@ -171,7 +147,7 @@ impl TrainConfig {
     /// photographs (notebook, `photographs-luminance.md`).
     #[must_use]
     pub fn with_degrees(self, is_developed: bool, scene: Option<ColorModel>) -> Self {
-        if self.method != Method::Lcd {
+        if self.method.spec().colors != Colors::Lcd {
             return self;
         }
         let is_open = self.luminance_degree.is_none() && self.chroma_degree.is_none();

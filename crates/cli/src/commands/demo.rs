@@ -41,7 +41,7 @@ const PICTURE_ENDINGS: [[&str; 2]; 2] = [["shadows", "shadows_photograph"], ["hi
 pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
     let console = Console::new(args.console.log_format, args.console.quiet);
     if !args.method.stores_splats() {
-        let trained = if args.method.has_anchors() { "anchors" } else { "a radiance field" };
+        let trained = args.method.spec().representation.noun();
         bail!("--method {}: the demo trains splats; train {trained} with luxel train", args.method.name());
     }
     output::check_folder_name(&args.output, &output::RESULT_EXTENSIONS)?;

@@ -125,7 +125,7 @@ fn lead(args: &TrainArgs, explicit: &ExplicitArgs, exchange: Box<dyn Exchange>) 
 
 /// Refuses what the training of a radiance field, or of anchors, does not do.
 fn check_implicit(args: &TrainArgs, method: Method) -> Result<()> {
-    let trained = if method.has_anchors() { "anchors" } else { "a radiance field" };
+    let trained = method.spec().representation.noun();
     let refused = [
         ("--profile", args.profile),
         ("--distributed", args.distributed.is_some()),

@@ -25,7 +25,7 @@ pub(crate) use absent::{Checkpoint, open_dataset, resume, seconds_per_step, star
 #[cfg(not(feature = "methods"))]
 pub use absent::{ImplicitScene, newest_scene};
 use luxel_core::Engine;
-use luxel_train::{ANCHOR_FORMAT, FIELD_FORMAT, Method};
+use luxel_train::{ANCHOR_FORMAT, FIELD_FORMAT, Method, Representation};
 #[cfg(feature = "methods")]
 pub use newest::newest_scene;
 #[cfg(feature = "methods")]
@@ -52,7 +52,10 @@ const ANCHORS_ON_PROCESSOR: &str = "anchors are decoded and trained on the proce
 
 /// Returns why a method is computed on the processor.
 fn on_processor(method: Method) -> &'static str {
-    if method.has_anchors() { ANCHORS_ON_PROCESSOR } else { FIELD_ON_PROCESSOR }
+    match method.spec().representation {
+        Representation::Anchors => ANCHORS_ON_PROCESSOR,
+        _ => FIELD_ON_PROCESSOR,
+    }
 }
 
 /// Opens the processor for a method that stores no splats.
@@ -77,9 +80,9 @@ pub fn refuse(folder: &RunFolder) -> Result<()> {
 
 fn no_splats(root: &Path, config: &RunConfig) -> Error {
     let (root, method) = (root.display(), config.method_name());
-    let message = match config.train.method.has_anchors() {
-        true => format!("{root}: holds anchors ({method}), which have no splats but those that they decode for a view"),
-        false => format!("{root}: holds a radiance field ({method}), which has no splats"),
+    let message = match config.train.method.spec().representation {
+        Representation::Anchors => format!("{root}: holds anchors ({method}), which have no splats but those that they decode for a view"),
+        _ => format!("{root}: holds a radiance field ({method}), which has no splats"),
     };
     Error::new(message).with_remedy(Remedy::advice("render or evaluate it, or train splats with another method, such as lcd"))
 }

@@ -12,7 +12,7 @@ use luxel_io::{Arrays, ImageMemory, ImagePlan, IoError, system_memory};
 use luxel_methods::{
     AnchorCheckpoint, AnchorRun, FieldCheckpoint, FieldRun, check_exposures, field_network, read_anchor_run, read_field_run,
 };
-use luxel_train::{ANCHOR_FORMAT, FIELD_FORMAT, Reconstruction, TrainConfig};
+use luxel_train::{ANCHOR_FORMAT, FIELD_FORMAT, Reconstruction, Representation, TrainConfig};
 
 use super::Processor;
 use crate::error::Context;
@@ -55,9 +55,9 @@ impl Checkpoint {
 pub(crate) fn start(dataset: &CoreDataset, config: &TrainConfig, processor: Processor) -> Result<Box<dyn Reconstruction>> {
     let Processor { threads, engine } = processor;
     let context = "cannot start training";
-    Ok(match config.method.has_anchors() {
-        true => Box::new(AnchorRun::new(dataset, config, engine).context(context)?),
-        false => Box::new(FieldRun::new(dataset, config, threads).context(context)?),
+    Ok(match config.method.spec().representation {
+        Representation::Anchors => Box::new(AnchorRun::new(dataset, config, engine).context(context)?),
+        _ => Box::new(FieldRun::new(dataset, config, threads).context(context)?),
     })
 }
 
@@ -99,10 +99,12 @@ pub(crate) fn seconds_per_step(config: &RunConfig, [before, timed]: [usize; 2], 
 pub(crate) fn open_dataset(path: &Path, config: &RunConfig, launch: Launch<'_>) -> Result<Dataset> {
     let train = &config.train;
     let of_network = field_network(train)?.training_bytes(config.device.threads.map_or(1, |threads| threads as usize));
-    let of_scene = |plan: &ImagePlan| match train.method.has_anchors() {
+    let of_scene = |plan: &ImagePlan| match train.method.spec().representation {
         // Without a bound the number of splats is not known.
-        true => Some(train.splat_limit(plan.train_px) as u64).filter(|limit| *limit < u64::from(u32::MAX)).unwrap_or(0) * SPLAT_BYTES,
-        false => of_network,
+        Representation::Anchors => {
+            Some(train.splat_limit(plan.train_px) as u64).filter(|limit| *limit < u64::from(u32::MAX)).unwrap_or(0) * SPLAT_BYTES
+        }
+        _ => of_network,
     };
     let needed = |plan: &ImagePlan| plan.decoded_bytes.saturating_add(RUN_BYTES).saturating_add(of_scene(plan));
     let check = |plan: &ImagePlan| match system_memory().filter(|limit| needed(plan) > *limit) {

@@ -21,7 +21,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use luxel_io::LoadOptions;
-use luxel_train::Method;
+use luxel_train::{Method, Representation};
 
 use super::RunConfig;
 use super::plots;
@@ -69,10 +69,10 @@ impl ImplicitKind {
 
     /// Returns the kind of scene that a method trains; `None` for splats.
     pub fn of(method: Method) -> Option<Self> {
-        match method {
-            _ if method.is_field() => Some(Self::Field),
-            _ if method.has_anchors() => Some(Self::Anchors),
-            _ => None,
+        match method.spec().representation {
+            Representation::Splats => None,
+            Representation::Anchors => Some(Self::Anchors),
+            Representation::Field => Some(Self::Field),
         }
     }
 

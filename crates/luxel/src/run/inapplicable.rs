@@ -7,7 +7,7 @@
 use std::fmt;
 
 use luxel_io::Supervision;
-use luxel_train::{Condition, ExposureCompensation, Method, NamedChoice, OPTIONS};
+use luxel_train::{Condition, ExposureCompensation, Method, MethodSpec, NamedChoice, OPTIONS, Representation, Scheme};
 
 use super::{ExplicitArgs, RunConfig};
 
@@ -154,6 +154,11 @@ const ANCHOR_OPTIONS: &[&str] = &[
 /// their images are in memory, they start from nothing, and their steps are not planned by time.
 const SPLAT_RUN_OPTIONS: &[&str] = &["refine_display", "image_memory", "from", "time"];
 
+/// Returns whether a method trains a field on captured images alone.
+fn is_captured_field(method: &MethodSpec) -> bool {
+    method.representation == Representation::Field && method.scheme == Scheme::Captured
+}
+
 /// Options that depend on a choice, and whether it is made.
 struct Group {
     choice: Choice,
@@ -187,7 +192,8 @@ impl RunConfig {
 
     fn groups(&self) -> Vec<Group> {
         let method = self.train.method;
-        let known = if method.has_anchors() { ANCHOR_OPTIONS } else { FIELD_OPTIONS };
+        let representation = method.spec().representation;
+        let known = if representation == Representation::Anchors { ANCHOR_OPTIONS } else { FIELD_OPTIONS };
         let of_splats = OPTIONS.iter().map(|option| option.name).filter(|name| !known.contains(name));
         let splats = Group {
             choice: Choice { option: "method", value: "lcd or sh0 to sh5" },
@@ -196,8 +202,8 @@ impl RunConfig {
         };
         // Of the fields; splats learn a response from any captured images.
         let unit_exposure = Group {
-            choice: Choice { option: "method", value: Method::HdrNerfGrid.name() },
-            is_made: !method.is_field() || method == Method::HdrNerfGrid,
+            choice: Choice { option: "method", value: Method::find(is_captured_field).map_or("", NamedChoice::name) },
+            is_made: representation != Representation::Field || is_captured_field(method.spec()),
             options: vec!["unit_exposure"],
         };
         let frozen = Group {
@@ -229,7 +235,7 @@ impl RunConfig {
             is_made,
             options: vec!["validation_share"],
         });
-        let by_condition = Condition::ALL.into_iter().map(|condition| self.group(condition));
+        let by_condition = Condition::all().map(|condition| self.group(condition));
         [splats, unit_exposure].into_iter().chain(by_condition).chain([frozen, from, cutoffs]).chain(validation).collect()
     }
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use luxel_core::{Dataset, Knots, Remedy, Scene, Snapshot};
 use luxel_io::Supervision;
-use luxel_train::LensVignetting;
+use luxel_train::{LensVignetting, Representation};
 
 use super::{Captures, RunConfig, RunFolder};
 use crate::error::Context;
@@ -125,7 +125,7 @@ pub struct LoadedImplicit {
 pub fn load_newest(folder: &RunFolder, config: &RunConfig, mut selected: SelectedEngine, observer: &dyn Observer) -> Result<LoadedRun> {
     if !config.train.method.stores_splats() {
         let (iteration, found) = crate::implicit::newest_scene(folder, observer)?;
-        let field_parameters = config.train.method.is_field().then(|| found.parameter_count());
+        let field_parameters = (config.train.method.spec().representation == Representation::Field).then(|| found.parameter_count());
         let (scene, loaded) = (found.place.clone(), LoadedImplicit { field_parameters, response: found.response() });
         return Ok(LoadedRun { iteration, scene, selected: found.into_engine(selected)?, implicit: Some(loaded) });
     }

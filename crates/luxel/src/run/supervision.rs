@@ -3,7 +3,7 @@
 //! In: a configuration. Out: the kind that the method implies; an error where another is given.
 
 use luxel_io::{Exposures, Supervision};
-use luxel_train::Method;
+use luxel_train::{ColorValues, Scheme};
 
 use super::{ExplicitArgs, RunConfig};
 use crate::{Error, Remedy, Result};
@@ -12,7 +12,7 @@ impl RunConfig {
     /// Reads the kind of images that the method trains on if it has a choice of one, unless the
     /// kind is explicit.
     pub fn imply_supervision(&mut self, explicit: &ExplicitArgs) {
-        if let Some(supervision) = supervision_of(self.train.method).filter(|_| !explicit.contains("supervision")) {
+        if let Some(supervision) = supervision_of(self.train.method.spec().scheme).filter(|_| !explicit.contains("supervision")) {
             self.load.supervision = supervision;
         }
     }
@@ -20,7 +20,7 @@ impl RunConfig {
     /// Reads the middle exposure of each pose if the method sees one exposure and none is chosen:
     /// for tables, whose other methods read all.
     pub(crate) fn imply_exposure(&mut self) {
-        if self.train.method.needs_one_exposure() && self.load.exposures == Exposures::All {
+        if self.train.method.spec().values == ColorValues::Captured && self.load.exposures == Exposures::All {
             self.load.exposures = Exposures::Middle;
         }
     }
@@ -28,9 +28,10 @@ impl RunConfig {
     /// Checks that the kind of images is the one that the method trains on.
     pub(super) fn check_supervision(&self) -> Result<()> {
         let (method, found) = (self.method_name(), self.load.supervision);
-        let (images, name) = match supervision_of(self.train.method) {
+        let scheme = self.train.method.spec().scheme;
+        let (images, name) = match supervision_of(scheme) {
             Some(wanted) if wanted == found => return Ok(()),
-            None if self.train.method == Method::NerfGrid && found == Supervision::Ldr => {
+            None if scheme == Scheme::Radiance && found == Supervision::Ldr => {
                 let message = format!("supervision: method {method} learns from radiance, not from captured LDR images");
                 return Err(Error::new(message).with_remedy(Remedy::set("supervision", "hdr").or(Remedy::set("method", "hdr-nerf-grid"))));
             }
@@ -47,11 +48,12 @@ impl RunConfig {
     }
 }
 
-/// Returns the one kind of images that a method trains on; `None` if it trains on either.
-fn supervision_of(method: Method) -> Option<Supervision> {
-    match method {
-        _ if method.trains_on_pairs() => Some(Supervision::Both),
-        Method::GaussHdr | Method::GaussHdrAnchors | Method::HdrNerfGrid => Some(Supervision::Ldr),
-        _ => None,
+/// Returns the one kind of images that methods of a scheme imply; `None` if they train on radiance,
+/// or on either.
+fn supervision_of(scheme: Scheme) -> Option<Supervision> {
+    match scheme {
+        Scheme::Pairs => Some(Supervision::Both),
+        Scheme::Captured => Some(Supervision::Ldr),
+        Scheme::Radiance | Scheme::RadianceOrCaptured => None,
     }
 }

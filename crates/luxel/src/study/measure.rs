@@ -95,7 +95,7 @@ pub(super) fn measure(
     let (of_splats, on_cpu) = (place(false)?, place(true)?);
     let scales = one_scale::due(matrix, finished)?;
     let is_open = |(cell, scale): &(&Cell, Option<RadianceScale>)| {
-        let computed_by = if cell.config.train.method.renders_on_cpu() { &on_cpu } else { &of_splats };
+        let computed_by = if renders_on_cpu(cell) { &on_cpu } else { &of_splats };
         read(cell).is_none_or(|measured| !options.are_covered_by(&measured, *scale) || measured.computed_by != *computed_by)
     };
     let cells = finished.iter().filter_map(|&i| Some((matrix.cells.get(i)?, scales.get(&i).copied())));
@@ -107,9 +107,7 @@ pub(super) fn measure(
     for (cell, scale) in todo {
         let name = cell.name(matrix);
         let measured = dataset_of(&mut dataset, cell, observer)
-            .and_then(|dataset| {
-                options.measure(cell, scale, dataset, engine_of(cell.config.train.method.renders_on_cpu(), device)?, observer)
-            })
+            .and_then(|dataset| options.measure(cell, scale, dataset, engine_of(renders_on_cpu(cell), device)?, observer))
             .and_then(|measured| files::write_json(&cell.folder.measured(), schema::MEASURED, &measured).map(|()| measured));
         match measured {
             Ok(Measured { frames_per_second: Some(fps), .. }) => observer.note(&format!("{name}: {fps:.1} frames per second")),
@@ -122,6 +120,12 @@ pub(super) fn measure(
         }
     }
     Ok(failures)
+}
+
+/// Returns whether the scene of a run is rendered on the CPU alone.
+fn renders_on_cpu(cell: &Cell) -> bool {
+    let method = cell.config.train.method;
+    !method.stores_splats() || method.lifts_colors()
 }
 
 /// Opens what renders splats, or the processor, which renders fields, anchors and lifted colours.

@@ -12,7 +12,9 @@
 //! training are.
 
 use luxel_core::{Activation, ColorModel};
-use luxel_train::{FieldLoss, FieldNetworkChoice, HdrNormalisation, Method, NamedChoice, TrainConfig};
+use luxel_train::{
+    Colors, FieldLoss, FieldNetworkChoice, HdrNormalisation, Method, MethodSpec, NamedChoice, Representation, Scheme, TrainConfig,
+};
 
 /// Names of the training options that a method's name stands for.
 pub const METHOD_OPTIONS: [&str; 6] = ["method", "activation", "chroma_degree", "luminance_degree", "field_loss", "field_network"];
@@ -84,20 +86,32 @@ pub fn parse_method(text: &str) -> Result<StudyMethod, String> {
     if let Some(field) = field(text) {
         return Ok(field);
     }
-    if let Some(method) = Method::from_name(text).filter(|method| method.has_own_steps() || method.has_anchors()) {
-        return Ok(StudyMethod::OwnSteps(method));
-    }
-    let degree = || text.strip_prefix("sh").filter(|degree| degree.len() == 1)?.parse().ok();
-    let model = match degree() {
-        Some(degree) => Some(ColorModel::Sh { degree }),
-        None if text == "logsh3" => Some(ColorModel::LogSh { degree: 3 }),
-        None => lcd(text),
+    let model = match Method::from_name(text).map(|method| (method, method.spec())) {
+        Some((method, spec)) if has_own_steps(spec) => return Ok(StudyMethod::OwnSteps(method)),
+        Some((_, MethodSpec { colors: Colors::Fixed(model), .. })) => Some(*model),
+        _ => lcd(text),
     };
     model.filter(|model| model.is_valid()).map(StudyMethod::Splats).ok_or_else(|| {
+        let own = Method::VALUES.iter().filter(|(method, _)| has_own_steps(method.spec()));
+        let own: String = own.map(|(_, value)| format!("{}, ", value.name)).collect();
         format!(
-            "unknown method \"{text}\", expected table1, table2, nerf-grid, nerf-grid-linear, hdr-nerf-grid, mono-hdr-nerf-grid, nerf-8x256, hdr-gs, mono-hdr-gs, gausshdr, lcd-anchors, gausshdr-anchors, sh0 to sh5, logsh3, or lcd with -exp or -relu, -l0 to -l3, -c0 to -c5 after it: lcd-exp, lcd-c2-l1"
+            "unknown method \"{text}\", expected table1, table2, nerf-grid, nerf-grid-linear, hdr-nerf-grid, mono-hdr-nerf-grid, nerf-8x256, {own}sh0 to sh5, logsh3, or lcd with -exp or -relu, -l0 to -l3, -c0 to -c5 after it: lcd-exp, lcd-c2-l1"
         )
     })
+}
+
+/// Returns whether a method's splats are decoded by anchors, or trained by steps of its own.
+fn has_own_steps(method: &MethodSpec) -> bool {
+    match method.representation {
+        Representation::Splats => method.scheme.has_networks(),
+        Representation::Anchors => true,
+        Representation::Field => false,
+    }
+}
+
+/// Returns the method whose splats the engine's steps train in these colours.
+fn method_of(colors: Colors) -> Option<Method> {
+    Method::find(|method| method.representation == Representation::Splats && !has_own_steps(method) && method.colors == colors)
 }
 
 fn field(text: &str) -> Option<StudyMethod> {
@@ -105,7 +119,7 @@ fn field(text: &str) -> Option<StudyMethod> {
         Some(name) => (name, Some(FieldLoss::Linear)),
         None => (text, None),
     };
-    let of_name = |name: &str| Method::from_name(name).filter(|method| method.is_field());
+    let of_name = |name: &str| Method::from_name(name).filter(|method| method.spec().representation == Representation::Field);
     let without_grid = || {
         let (stem, sizes) = name.rsplit_once('-')?;
         let network @ FieldNetworkChoice::Layers { .. } = sizes.parse().ok()? else { return None };
@@ -114,7 +128,7 @@ fn field(text: &str) -> Option<StudyMethod> {
     let (method, network) = of_name(name).map(|method| (method, None)).or_else(without_grid)?;
     let found = StudyMethod::Field { method, loss, network };
     // A name has one form.
-    ((loss.is_none() || method == Method::NerfGrid) && found.name() == text).then_some(found)
+    ((loss.is_none() || method.spec().scheme == Scheme::Radiance) && found.name() == text).then_some(found)
 }
 
 fn lcd(text: &str) -> Option<ColorModel> {
@@ -164,15 +178,14 @@ pub(super) fn with_method(options: &TrainConfig, method: StudyMethod) -> TrainCo
             };
         }
     };
-    let (method, activation, chroma_degree, luminance_degree) = match model {
-        ColorModel::Sh { degree } => (sh(degree), None, None, None),
-        ColorModel::LogSh { .. } => (Method::LogSh3, None, None, None),
+    let (colors, activation, chroma_degree, luminance_degree) = match model {
         ColorModel::Lcd { chroma_degree, luminance_degree, activation } => {
-            (Method::Lcd, Some(activation), Some(chroma_degree), Some(luminance_degree))
+            (Colors::Lcd, Some(activation), Some(chroma_degree), Some(luminance_degree))
         }
-        // A mix is made of scenes, not trained.
-        ColorModel::Mix(_) => return options.clone(),
+        model => (Colors::Fixed(model), None, None, None),
     };
+    // A mix is made of scenes, not trained.
+    let Some(method) = method_of(colors) else { return options.clone() };
     TrainConfig { method, activation, chroma_degree, luminance_degree, field_loss: None, field_network: None, ..options.clone() }
 }
 
@@ -181,28 +194,19 @@ pub(super) fn with_method(options: &TrainConfig, method: StudyMethod) -> TrainCo
 pub(super) fn description(method: StudyMethod, scale: HdrNormalisation) -> String {
     let model = match method {
         StudyMethod::Splats(model) => model,
-        StudyMethod::OwnSteps(Method::GaussHdr) => return "GaussHDR, plain splats".into(),
-        StudyMethod::OwnSteps(Method::LcdAnchors) => return "LCD on anchors".into(),
-        StudyMethod::OwnSteps(Method::GaussHdrAnchors) => return "GaussHDR, anchors".into(),
-        StudyMethod::OwnSteps(Method::MonoHdrGs) => return format!("Mono-HDR-GS, {} scale", scale.name()),
-        StudyMethod::OwnSteps(_) => return format!("HDR-GS, {} scale", scale.name()),
+        StudyMethod::OwnSteps(method) => {
+            let MethodSpec { title, scheme, .. } = method.spec();
+            return if *scheme == Scheme::Pairs { format!("{title}, {} scale", scale.name()) } else { (*title).to_owned() };
+        }
         StudyMethod::Field { method, loss, network } => {
-            let name = match method {
-                Method::HdrNerfGrid => "HDR-NeRF",
-                Method::MonoHdrNerfGrid => "Mono-HDR-NeRF",
-                _ => "NeRF",
-            };
+            let name = method.spec().title;
             let network = network.map_or("hash grid".to_owned(), |network| format!("{network} network, no hash grid"));
             let loss = if loss == Some(FieldLoss::Linear) { ", loss of radiance" } else { "" };
             return format!("{name}, {network}{loss}");
         }
     };
     let ColorModel::Lcd { chroma_degree, luminance_degree, activation } = model else {
-        let degree = model.sh_degree();
-        if matches!(model, ColorModel::LogSh { .. }) {
-            return format!("3DGS, log radiance, degree {degree}");
-        }
-        return if degree == 3 { "3DGS".into() } else { format!("3DGS, degree {degree}") };
+        return method_of(Colors::Fixed(model)).map_or_else(|| model.name(), |method| method.spec().title.to_owned());
     };
     let mut words = match activation {
         Activation::Softplus => "LCD".to_owned(),
@@ -216,17 +220,6 @@ pub(super) fn description(method: StudyMethod, scale: HdrNormalisation) -> Strin
         words += &format!(", chromaticity of degree {chroma_degree}");
     }
     words
-}
-
-fn sh(degree: u8) -> Method {
-    match degree {
-        0 => Method::Sh0,
-        1 => Method::Sh1,
-        2 => Method::Sh2,
-        3 => Method::Sh3,
-        4 => Method::Sh4,
-        _ => Method::Sh5,
-    }
 }
 
 #[cfg(test)]

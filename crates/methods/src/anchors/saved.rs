@@ -5,7 +5,7 @@
 //! finite are errors that name them.
 
 use luxel_core::ColorModel;
-use luxel_train::{Method, MethodState, TrainError, ViewState, ViewTraining};
+use luxel_train::{MethodState, Representation, Scheme, TrainError, ViewState, ViewTraining};
 use serde::{Deserialize, Serialize};
 
 use super::decoders::Decoders;
@@ -149,9 +149,10 @@ pub(super) fn write(scene: &AnchorScene, training: &ViewTraining, progress: &Pro
 /// Takes the tone networks out of a state that was read.
 fn tone_of(state: &mut ViewState) -> Result<Option<Box<GaussTone>>, TrainError> {
     let networks = state.take_method().map(|networks| networks.numbers()).transpose()?;
-    match (networks, state.config().method) {
-        (None, method) if method != Method::GaussHdrAnchors => Ok(None),
-        (Some(SharedNetworks::GaussHdrAnchors(tone)), Method::GaussHdrAnchors) => {
+    let spec = state.config().method.spec();
+    match (networks, spec.representation == Representation::Anchors && spec.scheme == Scheme::Captured) {
+        (None, false) => Ok(None),
+        (Some(SharedNetworks::GaussHdrAnchors(tone)), true) => {
             tone.validate()?;
             Ok(Some(tone))
         }

@@ -8,7 +8,9 @@
 
 use luxel_core::engine::{AdamBetas, CameraGradientChoice, Dropout, LearningRates, SparseGradients, StatsCollection, StepConfig};
 use luxel_core::{Dataset, Engine, Knots, RadianceScale, RasterConfig, RenderOptions, StepReport, View};
-use luxel_train::{Initial, Method, MethodStep, NamedChoice, StepView, TrainConfig, TrainError, ViewTraining, first_splats, train_px};
+use luxel_train::{
+    Initial, MethodStep, NamedChoice, Representation, Scheme, StepView, TrainConfig, TrainError, ViewTraining, first_splats, train_px,
+};
 
 use super::AnchorSnapshot;
 use super::SPLATS_PER_ANCHOR;
@@ -38,11 +40,11 @@ pub struct AnchorTrainer {
 /// Checks that the method trains anchors, and that the data set has what it trains on.
 fn check(dataset: &Dataset, config: &TrainConfig) -> Result<(), TrainError> {
     ViewTraining::check(dataset, config)?;
-    if !config.method.has_anchors() {
+    if config.method.spec().representation != Representation::Anchors {
         return Err(TrainError::config("method", format!("{} trains no anchors", config.method.name())));
     }
-    match config.method {
-        Method::GaussHdrAnchors => check_captured(&dataset.train, config.method.name()),
+    match config.method.spec().scheme {
+        Scheme::Captured => check_captured(&dataset.train, config.method.name()),
         _ => Ok(()),
     }
 }
@@ -57,7 +59,7 @@ impl AnchorTrainer {
         let Initial { splats, radiance_scale } = first_splats(dataset, &config)?;
         let limit = anchor_limit(&config, train_px(dataset));
         let First { anchors, voxel } = first_anchors(&splats.position, limit);
-        let has_context = config.method == Method::GaussHdrAnchors;
+        let has_context = config.method.has_own_networks();
         let decoders = Decoders::new(config.color_model(), has_context, median_color(&splats), config.seed);
         let scene = AnchorScene { anchors, decoders };
         let (groups, statistics) = (Groups::new(&scene), Statistics::zeros(scene.anchors.len()));

@@ -6,11 +6,12 @@
 
 use luxel_core::engine::PlanRow;
 use luxel_core::{Camera, Dataset, Engine, Knots, RadianceScale, Splats, StepReport, View};
-use luxel_train::Method;
-use luxel_train::{MethodState, MethodStep, NamedChoice, StepImages, StepMethod, StepMethods, ToneMapperRecord, TrainConfig, TrainError};
+use luxel_train::{
+    MethodState, MethodStep, NamedChoice, Scheme, StepImages, StepMethod, StepMethods, ToneMapperRecord, TrainConfig, TrainError,
+};
 
-use super::pair::{check_captured, check_pairs, exposure_of, one_exposure};
 use super::{GaussRates, GaussStep, GaussTarget, LiftedEngine, PairTargets, SharedLift, SharedNetworks, folded, tone_rate};
+use crate::captured::images::checks::{check_captured, check_pairs, exposure_of, one_exposure};
 
 /// Exponent of a camera's response that first colours assume: that of displays.
 const DISPLAY_GAMMA: f32 = 2.2;
@@ -36,18 +37,18 @@ impl InTraining {
 impl StepMethods for CapturedMethods {
     fn check(&self, dataset: &Dataset, config: &TrainConfig) -> Result<(), TrainError> {
         let method = config.method.name();
-        match config.method.trains_on_pairs() {
-            true => check_pairs(&dataset.train, method)?,
-            false => check_captured(&dataset.train, method)?,
+        match config.method.spec().scheme {
+            Scheme::Pairs => check_pairs(&dataset.train, method)?,
+            _ => check_captured(&dataset.train, method)?,
         }
-        if config.method.needs_one_exposure() {
+        if config.method.lifts_colors() {
             one_exposure(&dataset.train, method)?;
         }
         Ok(())
     }
 
     fn first_splats(&self, splats: Splats, scale: RadianceScale, dataset: &Dataset, config: &TrainConfig) -> Result<Splats, TrainError> {
-        if config.method == Method::MonoHdrGs { captured_colors(splats, scale, dataset, config) } else { Ok(splats) }
+        if config.method.lifts_colors() { captured_colors(splats, scale, dataset, config) } else { Ok(splats) }
     }
 
     fn start(&self, dataset: &Dataset, config: &TrainConfig, splats: usize) -> Result<Box<dyn StepMethod>, TrainError> {

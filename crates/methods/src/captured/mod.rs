@@ -2,59 +2,44 @@
 //! colour models: each step makes its own images and losses of channels that the engine blends, and
 //! hands the engine the gradients by channels and radiance.
 //!
+//! A folder a method; `images` and `arithmetic` have what several of them share, [`methods`] is how
+//! the trainer knows them.
+//!
 //! In: views with or of captured images, the options of the method. Out: steps in the form that
 //! [`luxel_core::Engine::train_channels`] takes, and the shared networks of the method, which are
 //! part of the run's state.
 //! Sources and deviations from what was published: `docs/src/guide/published-methods.md`.
 //! Degenerate: data without pairs and options that a method does not have are errors at the start.
 
-mod adam;
-mod blocks;
-mod color_map;
-mod cycle;
-mod fold;
-mod functions;
-mod gauss_hdr;
-mod gauss_loss;
-mod gauss_networks;
-mod gauss_tone;
+mod arithmetic;
+mod gausshdr;
 mod hdr_gs;
-mod image_loss;
-mod lift;
-mod lifted_engine;
+mod images;
 mod methods;
 mod mono_hdr_gs;
-mod pair;
-mod pair_channels;
-mod radiance_loss;
-mod soft_network;
 #[cfg(test)]
 pub(crate) mod testing;
-mod tone_mappers;
 
-use crate::networks::relu_line;
 use luxel_core::engine::PlanRow;
 use luxel_core::{Dataset, Knots};
-use luxel_train::Method;
-use luxel_train::{ToneMapperRecord, TrainConfig, TrainError};
+use luxel_train::{Method, ToneMapperRecord, TrainConfig, TrainError};
 use serde::{Deserialize, Serialize};
 
-pub(crate) use self::adam::Adam;
-use self::fold::folded;
-pub(crate) use self::gauss_hdr::{GaussStep, GaussTarget};
-use self::gauss_networks::GaussNetworks;
-use self::gauss_networks::GaussRates;
-pub(crate) use self::gauss_networks::tone_rate;
-pub(crate) use self::gauss_tone::GaussTone;
-use self::lifted_engine::{LiftedEngine, SharedLift};
+pub(crate) use self::arithmetic::adam::Adam;
+pub(crate) use self::gausshdr::networks::tone_rate;
+use self::gausshdr::networks::{GaussNetworks, GaussRates};
+pub(crate) use self::gausshdr::tone::GaussTone;
+pub(crate) use self::gausshdr::{GaussStep, GaussTarget};
+use self::hdr_gs::tone_mappers::ToneMappers;
+pub(crate) use self::images::checks::check_captured;
+use self::images::checks::exposure_of;
+pub use self::images::checks::one_exposure;
+use self::images::pair_channels::PairTargets;
 pub use self::methods::CapturedMethods;
 pub(crate) use self::methods::captured_target;
 use self::mono_hdr_gs::MonoNetworks;
-pub(crate) use self::pair::check_captured;
-use self::pair::exposure_of;
-pub use self::pair::one_exposure;
-use self::pair_channels::PairTargets;
-use self::tone_mappers::ToneMappers;
+use self::mono_hdr_gs::fold::folded;
+use self::mono_hdr_gs::lifted_engine::{LiftedEngine, SharedLift};
 
 /// The numbers that a method trains beside splats: networks that all of them share, and features.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -17,7 +17,7 @@ use luxel_cpu::CpuEngine;
 use luxel_train::TrainConfig;
 
 use self::oracle::{Point, ROWS};
-use super::pair_channels::PairTargets;
+use crate::captured::images::pair_channels::PairTargets;
 use crate::testing::{camera_at, view_of};
 
 pub(crate) const SIDE: u32 = 40;

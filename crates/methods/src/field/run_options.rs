@@ -4,7 +4,7 @@
 //! that a method cannot learn from, are errors.
 
 use luxel_core::{Dataset, PixelValues, RadianceScale, Remedy};
-use luxel_train::{FieldLoss, FieldNetworkChoice, Method, NamedChoice, TrainConfig, TrainError};
+use luxel_train::{ColorValues, FieldLoss, FieldNetworkChoice, NamedChoice, Representation, Scheme, TrainConfig, TrainError};
 
 use super::{FieldConfig, FieldNetwork, Objective, PixelLoss};
 use crate::captured::one_exposure;
@@ -18,10 +18,10 @@ const LEAST_RATIO: f32 = std::f32::consts::SQRT_2;
 /// # Errors
 /// Sizes of a network that are out of range.
 pub(super) fn options(config: &TrainConfig, radiance_scale: RadianceScale) -> Result<FieldConfig, TrainError> {
-    let objective = match config.method {
-        Method::HdrNerfGrid => Objective::Captured { unit_value: config.unit_exposure },
-        Method::MonoHdrNerfGrid => Objective::Pairs { captured_weight: config.ldr_weight, radiance_weight: config.hdr_weight },
-        _ => Objective::Radiance {
+    let objective = match config.method.spec().scheme {
+        Scheme::Captured => Objective::Captured { unit_value: config.unit_exposure },
+        Scheme::Pairs => Objective::Pairs { captured_weight: config.ldr_weight, radiance_weight: config.hdr_weight },
+        Scheme::Radiance | Scheme::RadianceOrCaptured => Objective::Radiance {
             loss: match config.field_loss.unwrap_or_default() {
                 FieldLoss::Linear => PixelLoss::Linear,
                 FieldLoss::Mulaw => PixelLoss::Mulaw,
@@ -62,11 +62,11 @@ pub fn field_network(config: &TrainConfig) -> Result<FieldNetwork, TrainError> {
 /// # Errors
 /// One exposure, or several, where the other is needed.
 pub fn check_exposures(dataset: &Dataset, config: &TrainConfig) -> Result<(), TrainError> {
-    let method = config.method;
-    if method.needs_one_exposure() {
+    let (method, spec) = (config.method, config.method.spec());
+    if spec.values == ColorValues::Captured {
         one_exposure(&dataset.train, method.name())?;
     }
-    if method != Method::HdrNerfGrid {
+    if spec.representation != Representation::Field || spec.scheme != Scheme::Captured {
         return Ok(());
     }
     let exposures = dataset.train.iter().filter_map(|view| match view.values {

@@ -5,6 +5,7 @@ use luxel_core::{Activation, Antialias};
 use luxel_metrics::GainChannels;
 use serde::{Deserialize, Serialize};
 
+use super::Method;
 use super::spec::{OptionValue, ValueHelp};
 
 /// A type whose values have names.
@@ -15,7 +16,6 @@ use super::spec::{OptionValue, ValueHelp};
 /// assert_eq!(Method::from_name("sh3"), Some(Method::Sh3));
 /// assert_eq!(Method::Lcd.name(), "lcd");
 /// assert_eq!(Method::HdrGs.name(), "hdr-gs");
-/// assert!(Method::from_name("nerf-grid").is_some_and(Method::is_field));
 /// ```
 pub trait NamedChoice: Copy + PartialEq + 'static {
     /// The values with names and helps, in the order of listing.
@@ -88,48 +88,6 @@ choices! {
         /// The published method: 30000 steps, 0.2 L1 + 0.8 (1 - SSIM), no bound on the number of
         /// splats, learning rates and cut-offs of 3DGS (Kerbl et al. 2023)
         Paper: "paper",
-    }
-
-    /// Methods: colour models, and published methods that train on captured images beside radiance.
-    pub enum Method = Lcd {
-        /// Luminance and chromaticity apart (LCD-GS)
-        Lcd: "lcd",
-        /// Spherical harmonics of RGB radiance, degree 0
-        Sh0: "sh0",
-        /// Spherical harmonics of RGB radiance, degree 1
-        Sh1: "sh1",
-        /// Spherical harmonics of RGB radiance, degree 2
-        Sh2: "sh2",
-        /// Spherical harmonics of RGB radiance, degree 3: 3D Gaussian splatting
-        Sh3: "sh3",
-        /// Spherical harmonics of RGB radiance, degree 4
-        Sh4: "sh4",
-        /// Spherical harmonics of RGB radiance, degree 5
-        Sh5: "sh5",
-        /// Spherical harmonics of the logarithm of RGB radiance, degree 3
-        LogSh3: "logsh3",
-        /// HDR-GS (Cai et al. 2024): log harmonics, and networks from log radiance and exposure to
-        /// captured images, which are trained on beside the radiance
-        HdrGs: "hdr-gs",
-        /// Mono-HDR-GS (Zhang et al. 2025): harmonics of captured values of one exposure, which
-        /// networks lift to radiance
-        MonoHdrGs: "mono-hdr-gs",
-        /// GaussHDR (Liu et al. 2025) on plain splats: log harmonics and context features, which
-        /// global and local tone networks map to the captured images that alone are trained on
-        GaussHdr: "gausshdr",
-        /// Anchors, whose splats networks decode for each view (Scaffold-GS, Lu et al. 2024), of
-        /// luminance and chromaticity
-        LcdAnchors: "lcd-anchors",
-        /// GaussHDR as published, on anchors
-        GaussHdrAnchors: "gausshdr-anchors",
-        /// No splats: a radiance field on a hash grid, of softplus radiance (NeRF)
-        NerfGrid: "nerf-grid",
-        /// No splats: a field of log radiance and a tone mapper, trained on captured images of
-        /// several exposures alone (HDR-NeRF)
-        HdrNerfGrid: "hdr-nerf-grid",
-        /// No splats: a field of captured values of one exposure, which networks lift to radiance,
-        /// trained on captured images beside the radiance (Mono-HDR-NeRF)
-        MonoHdrNerfGrid: "mono-hdr-nerf-grid",
     }
 
     /// Scales of radiance under the mu-law.
@@ -208,7 +166,7 @@ choices! {
     }
 }
 
-choice_options!(Activation, Antialias, MomentFormat);
+choice_options!(Activation, Antialias, Method, MomentFormat);
 
 impl NamedChoice for Activation {
     const VALUES: &'static [(Self, ValueHelp)] = &[
@@ -240,53 +198,6 @@ impl NamedChoice for Antialias {
             ValueHelp { name: "mip", help: "Mip-splatting's filters: the pixel's, and no detail finer than the training images sample" },
         ),
     ];
-}
-
-impl Method {
-    /// Returns whether steps see a captured image beside the radiance of its pose.
-    pub fn trains_on_pairs(self) -> bool {
-        matches!(self, Self::HdrGs | Self::MonoHdrGs | Self::MonoHdrNerfGrid)
-    }
-
-    /// Returns whether its steps are its own, over the engine's rasteriser with gradients.
-    pub fn has_own_steps(self) -> bool {
-        matches!(self, Self::HdrGs | Self::MonoHdrGs | Self::GaussHdr)
-    }
-
-    /// Returns whether the method trains anchors, whose splats are decoded for each view.
-    pub fn has_anchors(self) -> bool {
-        matches!(self, Self::LcdAnchors | Self::GaussHdrAnchors)
-    }
-
-    /// Returns whether the scene that the method trains is one of splats.
-    pub fn stores_splats(self) -> bool {
-        !self.is_field() && !self.has_anchors()
-    }
-
-    /// Returns whether splats have networks of the method's own, for captured images.
-    pub fn has_own_networks(self) -> bool {
-        self.has_own_steps() || self == Self::GaussHdrAnchors
-    }
-
-    /// Returns whether splats hold captured values, whose colours the method lifts to radiance.
-    pub fn lifts_colors(self) -> bool {
-        self == Self::MonoHdrGs
-    }
-
-    /// Returns whether its own scene is rendered on the CPU alone.
-    pub fn renders_on_cpu(self) -> bool {
-        !self.stores_splats() || self.lifts_colors()
-    }
-
-    /// Returns whether the captured images that it sees must all have one exposure.
-    pub fn needs_one_exposure(self) -> bool {
-        matches!(self, Self::MonoHdrGs | Self::MonoHdrNerfGrid)
-    }
-
-    /// Returns whether the method trains a radiance field, which has no splats.
-    pub fn is_field(self) -> bool {
-        matches!(self, Self::NerfGrid | Self::HdrNerfGrid | Self::MonoHdrNerfGrid)
-    }
 }
 
 impl ExposureCompensation {

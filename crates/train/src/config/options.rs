@@ -24,7 +24,7 @@ macro_rules! options {
     ($($heading:literal {
         $($(#[doc = $help:literal])+
         $name:ident: $type:ty = $default:expr, $value_name:literal, $range:expr
-            $(, unset: $note:literal)? $(, needs: [$($condition:ident),+])? $(, was: $old_name:literal)?;)+
+            $(, unset: $note:literal)? $(, needs: [$($condition:ident $(($of:ident))?),+])? $(, was: $old_name:literal)?;)+
     })+) => {
         /// Options of training. Each has a row in [`OPTIONS`].
         ///
@@ -57,7 +57,7 @@ macro_rules! options {
                 range: $range,
                 default_note: options!(@note $($note)?),
                 old_name: options!(@note $($old_name)?),
-                conditions: &[$($(Condition::$condition),+)?],
+                conditions: &[$($(Condition::$condition $((Method::$of))?),+)?],
                 help: concat!($($help),+),
                 access: Access {
                     is_switch: <$type as OptionValue>::IS_SWITCH,
@@ -139,13 +139,13 @@ options! {
         /// Fraction of L1 that is replaced by d^2 / 0.06, where d is a pixel's difference under the
         /// mu-law, so that large errors count more
         squared_share: f32 = 0.5, "FRACTION", Range::Share;
+    }
+    "Published methods" {
         /// Quantity whose squared error a radiance field minimises
-        field_loss: Option<FieldLoss> = None, "FIELD_LOSS", Range::Any, unset: "mulaw", needs: [NerfGrid];
+        field_loss: Option<FieldLoss> = None, "FIELD_LOSS", Range::Any, unset: "mulaw", needs: [FieldOnRadiance];
         /// Network of a radiance field: grid, a hash grid with small networks, or a deep network
         /// without a grid as LAYERSxUNITS; the published 8x256 takes days
         field_network: Option<FieldNetworkChoice> = None, "NETWORK", Range::Any, unset: "grid", needs: [Field];
-    }
-    "Radiance and captured images" {
         /// Weight of the loss of radiance
         hdr_weight: f32 = 0.6, "WEIGHT", Range::AtLeast(0), needs: [Pairs];
         /// Weight of the loss of captured images
@@ -153,20 +153,20 @@ options! {
         /// Scale of radiance under the mu-law in the loss
         hdr_normalisation: HdrNormalisation = HdrNormalisation::Scene, "SCALE", Range::Any, needs: [Pairs];
         /// Weight of the loss of captured values that a network makes of the rendered radiance
-        cycle_weight: f32 = 0.05, "WEIGHT", Range::AtLeast(0), needs: [MonoHdrGs];
+        cycle_weight: f32 = 0.05, "WEIGHT", Range::AtLeast(0), needs: [Method(MonoHdrGs)];
         /// Learning rate of the network from radiance to captured values
-        cycle_lr: f32 = 1e-5, "RATE", Range::Positive, needs: [MonoHdrGs];
+        cycle_lr: f32 = 1e-5, "RATE", Range::Positive, needs: [Method(MonoHdrGs)];
         /// Number of hidden units of the networks that lift captured values to radiance
-        lift_width: u32 = 128, "N", Range::Limits { min: 1, max: 1024 }, needs: [MonoHdrGs];
+        lift_width: u32 = 128, "N", Range::Limits { min: 1, max: 1024 }, needs: [Method(MonoHdrGs)];
         /// Learning rate of the networks that lift captured values to radiance
-        lift_lr: f32 = 5e-4, "RATE", Range::Positive, needs: [MonoHdrGs];
+        lift_lr: f32 = 5e-4, "RATE", Range::Positive, needs: [Method(MonoHdrGs)];
         /// Number of hidden units of the tone mapping networks
-        tone_width: u32 = 128, "N", Range::Limits { min: 1, max: 1024 }, needs: [HdrGs];
+        tone_width: u32 = 128, "N", Range::Limits { min: 1, max: 1024 }, needs: [Method(HdrGs)];
         /// Learning rate of the tone mapping networks; with gausshdr and gausshdr-anchors it falls
         /// to a tenth of this
         tone_lr: f32 = 5e-4, "RATE", Range::Positive, needs: [ToneNetworks];
         /// Learning rate of the context features of splats
-        feature_lr: f32 = 7.5e-3, "RATE", Range::Positive, needs: [GaussHdr];
+        feature_lr: f32 = 7.5e-3, "RATE", Range::Positive, needs: [Method(GaussHdr)];
     }
     "Captures" {
         /// Optimise gains of the training images with the scene, for exposure or white balance that

@@ -3,7 +3,7 @@
 
 use luxel_core::Antialias;
 
-use super::{ExposureCompensation, Freeze, NamedChoice, Strategy, TrainConfig};
+use super::{ExposureCompensation, Freeze, NamedChoice, Representation, Scheme, Strategy, TrainConfig};
 use crate::TrainError;
 
 /// Checks that no option is set that a method with steps of its own, or on anchors, does not have.
@@ -11,10 +11,10 @@ use crate::TrainError;
 /// # Errors
 /// [`TrainError::Config`] for the first one.
 pub(crate) fn check_options(config: &TrainConfig) -> Result<(), TrainError> {
-    if config.method.trains_on_pairs() && config.ldr_weight + config.hdr_weight == 0.0 {
+    if config.method.spec().scheme == Scheme::Pairs && config.ldr_weight + config.hdr_weight == 0.0 {
         return Err(TrainError::config("hdr_weight", "found 0 beside an ldr_weight of 0, expected one above 0"));
     }
-    if !config.method.has_own_steps() && !config.method.has_anchors() {
+    if !config.method.has_own_steps() && config.method.spec().representation != Representation::Anchors {
         return Ok(());
     }
     let method = config.method.name();

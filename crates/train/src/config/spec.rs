@@ -5,8 +5,10 @@
 //! are checked by [`TrainConfig::validate`], whatever the values came from; names of choices, the
 //! form of numbers and [`Range::Limits`] are checked when text is parsed.
 
+use std::sync::LazyLock;
+
 use super::range::{Number, Range};
-use super::{Method, Strategy, TrainConfig};
+use super::{ColorValues, Colors, Method, MethodSpec, NamedChoice, Representation, Scheme, Strategy, TrainConfig};
 
 /// An option of training. [`super::OPTIONS`] lists them all.
 ///
@@ -119,14 +121,14 @@ impl OptionSpec {
 /// A choice that an option depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Condition {
-    /// The colour model is LCD.
+    /// Splats are stored, and their colour model is LCD of chosen degrees.
     Lcd,
     /// The colour model of splats, stored or decoded, is LCD.
     LcdColors,
     /// A radiance field is trained.
     Field,
     /// A radiance field is trained on radiance.
-    NerfGrid,
+    FieldOnRadiance,
     /// Splats are added by adaptive density control.
     Adc,
     /// Splats are added by MCMC.
@@ -147,21 +149,30 @@ pub enum Condition {
     Pairs,
     /// The method maps radiance to captured values by networks.
     ToneNetworks,
-    /// The method is HDR-GS.
-    HdrGs,
-    /// The method is Mono-HDR-GS.
-    MonoHdrGs,
-    /// The method is GaussHDR.
-    GaussHdr,
+    /// This method is trained.
+    Method(Method),
 }
 
+/// The texts of [`Condition::value`] that are names of several methods.
+static NAMES_OF_METHODS: LazyLock<Vec<(Condition, String)>> = LazyLock::new(|| {
+    let names = |condition: Condition| {
+        let methods = Method::VALUES.iter().filter(|(method, _)| condition.is_met_by(method.spec()) == Some(true));
+        let names: Vec<&str> = methods.map(|(_, value)| value.name).collect();
+        match names.split_last() {
+            Some((last, others)) if !others.is_empty() => format!("{} or {last}", others.join(", ")),
+            _ => names.concat(),
+        }
+    };
+    Condition::GENERAL.into_iter().map(|condition| (condition, names(condition))).collect()
+});
+
 impl Condition {
-    /// All conditions.
-    pub const ALL: [Self; 17] = [
+    /// The conditions that are not about one method alone.
+    const GENERAL: [Self; 14] = [
         Self::Lcd,
         Self::LcdColors,
         Self::Field,
-        Self::NerfGrid,
+        Self::FieldOnRadiance,
         Self::Adc,
         Self::Mcmc,
         Self::Absgrad,
@@ -172,23 +183,19 @@ impl Condition {
         Self::CapturedImages,
         Self::Pairs,
         Self::ToneNetworks,
-        Self::HdrGs,
-        Self::MonoHdrGs,
-        Self::GaussHdr,
     ];
+
+    /// Returns all conditions.
+    pub fn all() -> impl Iterator<Item = Self> {
+        Self::GENERAL.into_iter().chain(Method::VALUES.iter().map(|(method, _)| Self::Method(*method)))
+    }
 
     /// Returns the name of the option that makes the choice.
     pub fn option(self) -> &'static str {
         match self {
-            Self::Lcd
-            | Self::LcdColors
-            | Self::Field
-            | Self::NerfGrid
-            | Self::Pairs
-            | Self::ToneNetworks
-            | Self::HdrGs
-            | Self::MonoHdrGs
-            | Self::GaussHdr => "method",
+            Self::Lcd | Self::LcdColors | Self::Field | Self::FieldOnRadiance | Self::Pairs | Self::ToneNetworks | Self::Method(_) => {
+                "method"
+            }
             Self::Adc | Self::Mcmc => "strategy",
             Self::Absgrad => "absgrad",
             Self::Batch => "batch",
@@ -201,43 +208,45 @@ impl Condition {
     /// Returns the value that makes the choice, for people; empty for a switch.
     pub fn value(self) -> &'static str {
         match self {
-            Self::Lcd => "lcd",
-            Self::LcdColors => "lcd or lcd-anchors",
-            Self::Pairs => "hdr-gs, mono-hdr-gs or mono-hdr-nerf-grid",
-            Self::ToneNetworks => "hdr-gs, gausshdr or gausshdr-anchors",
-            Self::HdrGs => "hdr-gs",
-            Self::MonoHdrGs => "mono-hdr-gs",
-            Self::GaussHdr => "gausshdr",
-            Self::Field => "nerf-grid, hdr-nerf-grid or mono-hdr-nerf-grid",
-            Self::NerfGrid => "nerf-grid",
+            Self::Method(method) => method.name(),
             Self::Adc => "adc",
             Self::Mcmc => "mcmc",
             Self::Absgrad | Self::RefinePoses => "",
             Self::Batch | Self::Supersampling => "above 1",
             Self::RadianceImages => "hdr",
             Self::CapturedImages => "ldr",
+            Self::Lcd | Self::LcdColors | Self::Field | Self::FieldOnRadiance | Self::Pairs | Self::ToneNetworks => {
+                NAMES_OF_METHODS.iter().find(|(condition, _)| *condition == self).map_or("", |(_, names)| names)
+            }
         }
     }
 
     /// Returns whether the condition holds, or `None` if that depends on the data set.
     pub fn is_met(self, config: &TrainConfig) -> Option<bool> {
         match self {
-            Self::Lcd => Some(config.method == Method::Lcd),
-            Self::LcdColors => Some(matches!(config.method, Method::Lcd | Method::LcdAnchors)),
-            Self::Pairs => Some(config.method.trains_on_pairs()),
-            Self::ToneNetworks => Some(matches!(config.method, Method::HdrGs | Method::GaussHdr | Method::GaussHdrAnchors)),
-            Self::HdrGs => Some(config.method == Method::HdrGs),
-            Self::MonoHdrGs => Some(config.method == Method::MonoHdrGs),
-            Self::GaussHdr => Some(config.method == Method::GaussHdr),
-            Self::Field => Some(config.method.is_field()),
-            Self::NerfGrid => Some(config.method == Method::NerfGrid),
+            Self::Method(method) => Some(config.method == method),
             Self::Adc => Some(config.strategy == Strategy::Adc),
             Self::Mcmc => Some(config.strategy == Strategy::Mcmc),
             Self::Absgrad => Some(config.absgrad),
             Self::Batch => Some(config.batch > 1),
             Self::Supersampling => Some(config.samples != Some(1)),
             Self::RefinePoses => Some(config.refine_poses),
-            Self::RadianceImages | Self::CapturedImages => None,
+            _ => self.is_met_by(config.method.spec()),
+        }
+    }
+
+    /// Returns whether a method meets the condition, or `None` if the condition is about something
+    /// else than what the row of a method says.
+    fn is_met_by(self, method: &MethodSpec) -> Option<bool> {
+        let is_field = method.representation == Representation::Field;
+        match self {
+            Self::Lcd => Some(method.colors == Colors::Lcd),
+            Self::LcdColors => Some(matches!(method.colors, Colors::Lcd | Colors::LcdConstants)),
+            Self::Field => Some(is_field),
+            Self::FieldOnRadiance => Some(is_field && method.scheme == Scheme::Radiance),
+            Self::Pairs => Some(method.scheme == Scheme::Pairs),
+            Self::ToneNetworks => Some(!is_field && method.scheme.has_networks() && method.values == ColorValues::Radiance),
+            _ => None,
         }
     }
 }

@@ -268,3 +268,58 @@ fn few_views_have_fewer_steps_where_that_is_asked_for() {
     assert_eq!([1, 18, 60, 200].map(|views| steps(Some(100), 9000, views)), [4500, 4500, 6000, 9000]);
     assert_eq!([steps(None, 9000, 18), steps(Some(100), 300, 18), steps(Some(1), 9000, usize::MAX)], [9000, 300, 9000]);
 }
+
+#[test]
+fn a_method_is_stored_by_its_name() {
+    for (method, value) in Method::VALUES {
+        let text = serde_json::to_string(method).unwrap();
+        assert_eq!(text, format!("\"{}\"", value.name));
+        assert_eq!(serde_json::from_str::<Method>(&text).unwrap(), *method);
+    }
+}
+
+#[test]
+fn conditions_name_the_methods_that_meet_them() {
+    for (condition, names) in [
+        (Condition::Lcd, "lcd"),
+        (Condition::LcdColors, "lcd or lcd-anchors"),
+        (Condition::Field, "nerf-grid, hdr-nerf-grid or mono-hdr-nerf-grid"),
+        (Condition::FieldOnRadiance, "nerf-grid"),
+        (Condition::Pairs, "hdr-gs, mono-hdr-gs or mono-hdr-nerf-grid"),
+        (Condition::ToneNetworks, "hdr-gs, gausshdr or gausshdr-anchors"),
+        (Condition::Method(Method::GaussHdr), "gausshdr"),
+    ] {
+        assert_eq!((condition.option(), condition.value()), ("method", names));
+        for (method, value) in Method::VALUES {
+            let config = TrainConfig { method: *method, ..TrainConfig::default() };
+            let is_named = names.split([',', ' ']).any(|name| name == value.name);
+            assert_eq!(condition.is_met(&config), Some(is_named), "{condition:?}, {}", value.name);
+        }
+    }
+}
+
+#[test]
+fn methods_with_networks_for_captured_images_have_the_steps_and_colours_of_their_rows() {
+    let names = |holds: fn(Method) -> bool| {
+        Method::VALUES.iter().filter(|(method, _)| holds(*method)).map(|(_, value)| value.name).collect::<Vec<_>>()
+    };
+    assert_eq!(names(Method::has_own_steps), ["hdr-gs", "mono-hdr-gs", "gausshdr"]);
+    assert_eq!(names(Method::has_own_networks), ["hdr-gs", "mono-hdr-gs", "gausshdr", "gausshdr-anchors"]);
+    assert_eq!(names(Method::lifts_colors), ["mono-hdr-gs"]);
+    assert_eq!(names(|method| method.spec().values == ColorValues::Captured), ["mono-hdr-gs", "mono-hdr-nerf-grid"]);
+    for (method, model) in [
+        (Method::Lcd, "lcd-c1-l0"),
+        (Method::Sh0, "sh0"),
+        (Method::Sh3, "sh3"),
+        (Method::Sh5, "sh5"),
+        (Method::LogSh3, "logsh3"),
+        (Method::HdrGs, "logsh3"),
+        (Method::MonoHdrGs, "sh3"),
+        (Method::GaussHdr, "logsh3"),
+        (Method::LcdAnchors, "lcd-c0-l0"),
+        (Method::GaussHdrAnchors, "logsh0"),
+    ] {
+        let config = TrainConfig { method, chroma_degree: Some(1), ..TrainConfig::default() };
+        assert_eq!(config.color_model().name(), model, "{method:?}");
+    }
+}

@@ -8,7 +8,7 @@ use luxel_core::{ColorModel, Cutoffs, Dataset, Knots, RasterConfig, Remedy, Scen
 
 use crate::config::CutoffPreset;
 use crate::init::{Initial, radiance_scale_of, recolored};
-use crate::{Method, TrainConfig, TrainError};
+use crate::{Method, NamedChoice, TrainConfig, TrainError};
 
 /// Relative difference of lengths of a unit that counts as rounding.
 const UNIT_TOLERANCE: f64 = 1e-6;
@@ -40,8 +40,8 @@ pub(super) fn check_scene(dataset: &Dataset, scene: &Scene, config: &TrainConfig
         let reason = format!("a unit of it is {of_scene} m, one of the data set {of_data} m, so they have other coordinates");
         return refused(reason, Some(Remedy::advice("give the data set that has the scene's cameras")));
     }
-    if config.method == Method::MonoHdrGs {
-        let reason = "its colours are radiance, and those of method mono-hdr-gs captured values".to_owned();
+    if config.method.lifts_colors() {
+        let reason = format!("its colours are radiance, and those of method {} captured values", config.method.name());
         return refused(reason, Some(Remedy::leave_out("from")));
     }
     if config.freezes_geometry() {
@@ -66,8 +66,8 @@ pub(super) fn check_scene(dataset: &Dataset, scene: &Scene, config: &TrainConfig
     if converts {
         return Ok(());
     }
-    let remedy = if had.single().is_some() && config.method != Method::Lcd {
-        Remedy::set("method", "lcd")
+    let remedy = if had.single().is_some() && config.method != Method::default() {
+        Remedy::set("method", Method::default().name())
     } else {
         Remedy::set("freeze", "geometry")
     };

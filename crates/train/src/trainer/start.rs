@@ -19,7 +19,7 @@ use crate::step_method::{StepMethod, StepMethods, TrainingMeans, resumed};
 use crate::validation_views::validation_views;
 use crate::views::{TrainingViews, largest_px};
 use crate::vignetting::{Lenses, check_lenses};
-use crate::{Initial, NamedChoice, Schedule, TrainConfig, TrainError, free_space, initialise};
+use crate::{Initial, NamedChoice, Representation, Schedule, TrainConfig, TrainError, free_space, initialise};
 
 /// Factor between the greatest distance of a camera from the cameras' centroid and the scene's
 /// extent (Kerbl et al. 2023).
@@ -190,12 +190,11 @@ struct Parts {
 
 /// Refuses methods that train no splats.
 fn check_method(config: &TrainConfig) -> Result<(), TrainError> {
-    let found = match config.method {
-        method if method.is_field() => "a radiance field",
-        method if method.has_anchors() => "anchors",
-        _ => return Ok(()),
-    };
-    Err(TrainError::config("method", format!("{} trains {found}, not splats", config.method.name())))
+    let (method, trained) = (config.method.name(), config.method.spec().representation);
+    match trained {
+        Representation::Splats => Ok(()),
+        _ => Err(TrainError::config("method", format!("{method} trains {}, not splats", trained.noun()))),
+    }
 }
 
 /// Checks the properties of views that every step relies on.

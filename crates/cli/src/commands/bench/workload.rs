@@ -9,7 +9,7 @@ use luxel_core::{
     spatial_order, synthetic,
 };
 use luxel_io::ReadOptions;
-use luxel_train::{Method, NamedChoice, TrainConfig};
+use luxel_train::{Method, NamedChoice, Representation, TrainConfig};
 
 use crate::args::BenchArgs;
 use crate::args::values::OrderArg;
@@ -138,8 +138,12 @@ pub(super) fn save(args: &BenchArgs, path: &Path) -> Result<()> {
 /// Returns the splats in the colour model asked for.
 fn in_method(splats: Splats, method: Option<Method>, name: &str) -> Result<Splats> {
     let Some(method) = method else { return Ok(splats) };
-    if !method.stores_splats() {
-        let found = if method.has_anchors() { "anchors decode theirs" } else { "a radiance field has none" };
+    let refused = match method.spec().representation {
+        Representation::Splats => None,
+        Representation::Anchors => Some("anchors decode theirs"),
+        Representation::Field => Some("a radiance field has none"),
+    };
+    if let Some(found) = refused {
         bail!("--method {}: the workload is splats, and {found}", method.name());
     }
     if method.has_own_steps() {

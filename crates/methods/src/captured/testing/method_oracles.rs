@@ -5,7 +5,7 @@
 
 use super::oracle::{Pixels, Point, Weights, all, blend, dissimilarity, exact, image_loss, relu_network, sigmoid, softplus};
 use super::{GradientScene, SIDE};
-use crate::captured::gauss_tone::GaussTone;
+use crate::captured::gausshdr::tone::GaussTone;
 use luxel_core::View;
 use luxel_train::HdrNormalisation;
 use luxel_train::TrainConfig;

@@ -11,7 +11,7 @@
 use luxel_core::engine::SeenSplats;
 use rayon::prelude::*;
 
-use super::relu_line::{LineSums, LineTable};
+use crate::networks::relu_line::{LineSums, LineTable};
 
 /// Splats of a chunk.
 const CHUNK: usize = 2048;
@@ -42,35 +42,35 @@ pub(crate) trait ColorMap: Send + Sync {
 /// An input of a network, and its piece.
 #[derive(Clone, Copy)]
 pub(crate) struct LinePlace {
-    pub(super) piece: usize,
-    pub(super) input: f64,
+    pub(crate) piece: usize,
+    pub(crate) input: f64,
 }
 
 /// Mapped colours, and what their gradient needs.
-pub(super) struct MappedColors {
+pub(crate) struct MappedColors {
     /// 0 where the view does not show the splat.
-    pub(super) colors: Vec<[f32; 3]>,
+    pub(crate) colors: Vec<[f32; 3]>,
     slopes: Vec<[f32; 3]>,
     pieces: Vec<[u16; 3]>,
 }
 
 /// Some numbers of each splat among others, `[N, stride]`.
 #[derive(Clone, Copy)]
-pub(super) struct SplatRows<'a> {
-    pub(super) values: &'a [f32],
-    pub(super) stride: usize,
-    pub(super) first: usize,
+pub(crate) struct SplatRows<'a> {
+    pub(crate) values: &'a [f32],
+    pub(crate) stride: usize,
+    pub(crate) first: usize,
 }
 
 impl SplatRows<'_> {
     /// Returns the three numbers of a splat.
-    pub(super) fn row(&self, i: usize) -> [f32; 3] {
+    pub(crate) fn row(&self, i: usize) -> [f32; 3] {
         std::array::from_fn(|c| self.values[i * self.stride + self.first + c])
     }
 }
 
 /// Returns mapped colours.
-pub(super) fn mapped(map: &impl ColorMap, splats: &SeenSplats<'_>) -> MappedColors {
+pub(crate) fn mapped(map: &impl ColorMap, splats: &SeenSplats<'_>) -> MappedColors {
     let count = splats.radiance.len();
     let mut out = MappedColors { colors: vec![[0.0; 3]; count], slopes: vec![[0.0; 3]; count], pieces: vec![[0; 3]; count] };
     let outs = (out.colors.par_chunks_mut(CHUNK), out.slopes.par_chunks_mut(CHUNK), out.pieces.par_chunks_mut(CHUNK));
@@ -103,7 +103,7 @@ fn map_together(map: &impl ColorMap, colors: &mut [[f32; 3]], pieces: &mut [[u16
 
 /// Adds the gradient by the first colours to `out`, from that by the mapped ones, and returns the
 /// sums by the networks' numbers.
-pub(super) fn mapped_backward(
+pub(crate) fn mapped_backward(
     map: &impl ColorMap,
     splats: &SeenSplats<'_>,
     kept: &MappedColors,

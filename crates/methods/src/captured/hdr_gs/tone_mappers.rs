@@ -14,10 +14,10 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
-use super::adam::Adam;
-use super::color_map::{ColorMap, LinePlace};
-use super::functions::{LnAbove, Sigmoid, map_all};
-use super::relu_line::{LineSums, LineTable, ReluLine};
+use crate::captured::arithmetic::adam::Adam;
+use crate::captured::arithmetic::color_map::{ColorMap, LinePlace};
+use crate::captured::arithmetic::functions::{LnAbove, Sigmoid, map_all};
+use crate::networks::relu_line::{LineSums, LineTable, ReluLine};
 
 /// Radiance that black counts as, far below every cut-off.
 const DARKEST: f32 = 1e-30;
@@ -59,7 +59,7 @@ impl ToneMappers {
 
     /// Returns the numbers of the networks.
     #[cfg(test)]
-    pub(super) fn numbers(&self) -> [&[f32]; 3] {
+    pub(crate) fn numbers(&self) -> [&[f32]; 3] {
         self.lines.each_ref().map(ReluLine::numbers)
     }
 
@@ -137,7 +137,7 @@ mod tests {
     use luxel_core::random::standard_normal;
 
     use super::*;
-    use crate::captured::color_map::{SplatRows, mapped, mapped_backward};
+    use crate::captured::arithmetic::color_map::{SplatRows, mapped, mapped_backward};
 
     fn colors(count: u64) -> Vec<[f32; 3]> {
         (0..count).map(|i| standard_normal(3, i).map(|v: f32| (2.0 * v).exp())).collect()

@@ -8,14 +8,14 @@ use fearless_simd::{Simd, f32x16, i32x16};
 use luxel_lanes::Level;
 
 /// Numbers of a vector.
-pub(super) const LANES: usize = 16;
+pub(crate) const LANES: usize = 16;
 
 /// Coefficients of r^7 to r^2 of the exponential's series.
 const EXPONENTIAL: [f32; 6] = [1.0 / 5040.0, 1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5];
 
 /// Returns e^x, where x is cut to -87 to 88; relative error below 3e-7.
 #[inline(always)]
-pub(super) fn exp<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
+pub(crate) fn exp<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
     let c = |value: f32| f32x16::splat(simd, value);
     let x = x.max(c(-87.0)).min(c(88.0));
     let whole = (x * c(std::f32::consts::LOG2_E)).round_ties_even();
@@ -34,7 +34,7 @@ pub(super) fn exp<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
 /// Returns ln x of positive normal numbers; relative error below 2e-7 away from 1, absolute below
 /// 1e-7 near it.
 #[inline(always)]
-pub(super) fn ln<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
+pub(crate) fn ln<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
     let c = |value: f32| f32x16::splat(simd, value);
     let bits: i32x16<S> = x.bitcast();
     // Mantissa in sqrt(1/2) to sqrt(2), where the series of both sides of 1 converge alike.
@@ -50,7 +50,7 @@ pub(super) fn ln<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
 
 /// Returns ln(1 + x) of x >= 0; relative error below 4e-7.
 #[inline(always)]
-pub(super) fn ln_1p<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
+pub(crate) fn ln_1p<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
     let one = f32x16::splat(simd, 1.0);
     let sum = one + x;
     // What rounding took from the sum, the ratio of x to the rest of the sum gives back.
@@ -60,33 +60,33 @@ pub(super) fn ln_1p<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
 
 /// Returns 1 / (1 + e^-x); absolute error below 1e-7.
 #[inline(always)]
-pub(super) fn sigmoid<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
+pub(crate) fn sigmoid<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
     let one = f32x16::splat(simd, 1.0);
     one / (one + exp(simd, -x))
 }
 
 /// Returns tanh x; absolute error below 2e-7.
 #[inline(always)]
-pub(super) fn tanh<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
+pub(crate) fn tanh<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
     let one = f32x16::splat(simd, 1.0);
     one - f32x16::splat(simd, 2.0) / (one + exp(simd, x + x))
 }
 
 /// Returns ln(1 + e^x); relative error below 1e-6 above -80.
 #[inline(always)]
-pub(super) fn softplus<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
+pub(crate) fn softplus<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
     x.max(f32x16::splat(simd, 0.0)) + ln_1p(simd, exp(simd, -x.abs()))
 }
 
 /// A function of single numbers.
-pub(super) trait Elementwise: Sync {
+pub(crate) trait Elementwise: Sync {
     /// Returns the function's values.
     fn apply<S: Simd>(&self, simd: S, x: f32x16<S>) -> f32x16<S>;
 }
 
 /// Applies a function to numbers in place.
 #[inline(always)]
-pub(super) fn map<S: Simd>(simd: S, function: &impl Elementwise, numbers: &mut [f32]) {
+pub(crate) fn map<S: Simd>(simd: S, function: &impl Elementwise, numbers: &mut [f32]) {
     let (whole, rest) = numbers.as_chunks_mut::<LANES>();
     for block in whole {
         function.apply(simd, f32x16::load_array_ref(simd, block)).store_array(block);
@@ -100,12 +100,12 @@ pub(super) fn map<S: Simd>(simd: S, function: &impl Elementwise, numbers: &mut [
 }
 
 /// Applies a function to numbers in place, by the best instructions of the processor.
-pub(super) fn map_all(function: &impl Elementwise, numbers: &mut [f32]) {
+pub(crate) fn map_all(function: &impl Elementwise, numbers: &mut [f32]) {
     luxel_lanes::dispatch!(Level::best(), simd => map(simd, function, numbers));
 }
 
 /// [`sigmoid`].
-pub(super) struct Sigmoid;
+pub(crate) struct Sigmoid;
 
 impl Elementwise for Sigmoid {
     #[inline(always)]
@@ -115,7 +115,7 @@ impl Elementwise for Sigmoid {
 }
 
 /// [`softplus`].
-pub(super) struct Softplus;
+pub(crate) struct Softplus;
 
 impl Elementwise for Softplus {
     #[inline(always)]
@@ -125,8 +125,8 @@ impl Elementwise for Softplus {
 }
 
 /// ln max(x, floor).
-pub(super) struct LnAbove {
-    pub(super) floor: f32,
+pub(crate) struct LnAbove {
+    pub(crate) floor: f32,
 }
 
 impl Elementwise for LnAbove {

@@ -4,9 +4,11 @@
 //! In: splats of log harmonics, tone mappers, a view of radiance with a captured image. Out: a
 //! [`PairChannels`], in which the captured values of splats are g(ln x + ln t) of their radiance x.
 
-use super::pair::exposure_of;
-use super::pair_channels::{Mapped, PairChannels, PairGradients, PairTargets};
-use super::tone_mappers::{ToneMappers, ToneTables};
+pub(super) mod tone_mappers;
+
+use self::tone_mappers::{ToneMappers, ToneTables};
+use crate::captured::images::checks::exposure_of;
+use crate::captured::images::pair_channels::{Mapped, PairChannels, PairGradients, PairTargets};
 
 impl PairTargets<'_> {
     /// Returns a step of HDR-GS.

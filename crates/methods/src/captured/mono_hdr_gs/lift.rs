@@ -9,10 +9,10 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
-use super::adam::Adam;
-use super::color_map::{ColorMap, LinePlace};
-use super::functions::{Sigmoid, Softplus, map_all};
-use super::relu_line::{LineSums, LineTable, LineValue, ReluLine};
+use crate::captured::arithmetic::adam::Adam;
+use crate::captured::arithmetic::color_map::{ColorMap, LinePlace};
+use crate::captured::arithmetic::functions::{Sigmoid, Softplus, map_all};
+use crate::networks::relu_line::{LineSums, LineTable, LineValue, ReluLine};
 
 /// Outputs of a network.
 const OUTPUTS: usize = 3;
@@ -55,7 +55,7 @@ impl Lift {
 
     /// Returns the numbers of the networks.
     #[cfg(test)]
-    pub(super) fn numbers(&self) -> [&[f32]; 3] {
+    pub(crate) fn numbers(&self) -> [&[f32]; 3] {
         self.lines.each_ref().map(ReluLine::numbers)
     }
 
@@ -141,7 +141,7 @@ mod tests {
     use luxel_core::random::standard_normal;
 
     use super::*;
-    use crate::captured::color_map::{SplatRows, mapped, mapped_backward};
+    use crate::captured::arithmetic::color_map::{SplatRows, mapped, mapped_backward};
 
     #[test]
     fn gradients_are_those_of_differences() {

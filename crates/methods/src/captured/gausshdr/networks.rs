@@ -10,9 +10,9 @@ use luxel_core::{Knots, RESPONSE_KNOTS};
 use luxel_train::{TrainConfig, TrainError};
 use serde::{Deserialize, Serialize};
 
-use super::adam::Adam;
-use super::functions::LANES;
-use super::gauss_tone::{FEATURES, GaussTone, Items};
+use super::tone::{FEATURES, GaussTone, Items};
+use crate::captured::arithmetic::adam::Adam;
+use crate::captured::arithmetic::functions::LANES;
 
 /// Exposure that black counts as in the response.
 const DARKEST: f64 = 1e-5;
@@ -21,7 +21,7 @@ const DARKEST: f64 = 1e-5;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct GaussNetworks {
-    pub(super) tone: GaussTone,
+    pub(crate) tone: GaussTone,
     pub(super) features: Features,
 }
 

@@ -15,11 +15,11 @@ use luxel_core::{LossWeights, View};
 use luxel_train::TrainConfig;
 use rayon::prelude::*;
 
-use super::color_map::{ColorMap, MappedColors, SplatRows, mapped, mapped_backward};
-use super::cycle::{Cycle, CycleGradient};
 use super::image_loss::{Compared, ComparedOut, Comparison, compare};
 use super::radiance_loss::{RadianceCurve, planes_of};
-use super::relu_line::LineSums;
+use crate::captured::arithmetic::color_map::{ColorMap, MappedColors, SplatRows, mapped, mapped_backward};
+use crate::captured::mono_hdr_gs::cycle::{Cycle, CycleGradient};
+use crate::networks::relu_line::LineSums;
 
 /// Splats of a chunk of work.
 const CHUNK: usize = 2048;
@@ -37,7 +37,7 @@ pub(crate) struct PairTargets<'a> {
 
 /// The colours that the map of a method gives.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Mapped {
+pub(crate) enum Mapped {
     /// Captured values, of splats that are radiance.
     Captured,
     /// Radiance, of splats that are captured values.
@@ -59,14 +59,14 @@ pub(crate) struct PairChannels<'a, M> {
 /// The gradients by the shared numbers of a step.
 pub(crate) struct PairGradients<M> {
     /// The map, with the sums by its numbers if its image has any weight.
-    pub(super) map: M,
-    pub(super) sums: Option<[LineSums; 3]>,
+    pub(crate) map: M,
+    pub(crate) sums: Option<[LineSums; 3]>,
     /// The gradient by the network of pixels, if its image has any weight.
-    pub(super) cycle: Option<CycleGradient>,
+    pub(crate) cycle: Option<CycleGradient>,
 }
 
 impl<'a, M: ColorMap> PairChannels<'a, M> {
-    pub(super) fn new(targets: PairTargets<'a>, map: M, mapped: Mapped, cycle: Option<&'a Cycle>) -> Self {
+    pub(crate) fn new(targets: PairTargets<'a>, map: M, mapped: Mapped, cycle: Option<&'a Cycle>) -> Self {
         let cycle = cycle.filter(|_| targets.config.cycle_weight > 0.0);
         Self { targets, map, mapped, cycle, kept: None, sums: None, cycle_gradient: None }
     }

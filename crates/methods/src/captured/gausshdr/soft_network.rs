@@ -13,7 +13,7 @@ use luxel_train::TrainError;
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
-use super::functions::LANES;
+use crate::captured::arithmetic::functions::LANES;
 
 /// Hidden units.
 pub(super) const UNITS: usize = 64;

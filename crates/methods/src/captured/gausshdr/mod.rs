@@ -7,11 +7,16 @@
 //! Captured values are made twice. On splats: y = clip(g + r - 1/2, 0, 1) of the networks' global
 //! value g and local shift r, blended to Y. On pixels: radiance and features are blended, and the
 //! same networks make z and Z of ln(X t + [`BLACK`]). Uncertainties of both, blended ones U3 and
-//! those of pixels U2, weight their losses ([`super::gauss_loss`]); to these comes that of the unit
+//! those of pixels U2, weight their losses ([`loss`]); to these comes that of the unit
 //! exposure. Radiance has no other loss.
 //!
 //! As published, uncertainty has no gradient by radiance, features or geometry. Gradients of all
 //! blended channels but uncertainty decide where splats are added.
+
+mod loss;
+pub(super) mod networks;
+mod soft_network;
+pub(super) mod tone;
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
@@ -19,10 +24,10 @@ use luxel_core::engine::{ChannelLoss, ChannelRoles, ChannelSource, ChannelStep, 
 use luxel_core::{LossWeights, View};
 use rayon::prelude::*;
 
-use super::blocks::{CHUNK, from_planes, to_planes};
-use super::functions::{Elementwise, LANES, LnAbove, ln, map_all};
-use super::gauss_loss::{GaussImages, compare_images};
-use super::gauss_tone::{FEATURES, GaussTone, Items, OUTPUTS, Values, local_value};
+use self::loss::{GaussImages, compare_images};
+use self::tone::{FEATURES, GaussTone, Items, OUTPUTS, Values, local_value};
+use crate::captured::arithmetic::blocks::{CHUNK, from_planes, to_planes};
+use crate::captured::arithmetic::functions::{Elementwise, LANES, LnAbove, ln, map_all};
 
 /// Exposure that is added before the logarithm of a pixel's.
 const BLACK: f32 = 1e-5;
@@ -237,8 +242,8 @@ impl ChannelStep for GaussStep<'_> {
 mod tests {
     use luxel_core::ColorModel;
 
+    use super::networks::{GaussNetworks, GaussRates};
     use super::*;
-    use crate::captured::gauss_networks::{GaussNetworks, GaussRates};
     use crate::captured::testing::method_oracles::{GaussOracle, joined};
     use crate::captured::testing::oracle::Point;
     use crate::captured::testing::{GradientScene, check_features, check_shared, check_splats};

@@ -15,13 +15,13 @@ use luxel_lanes::Level;
 use luxel_train::HdrNormalisation;
 use rayon::prelude::*;
 
-use super::functions::{Elementwise, LANES, ln_1p, map_all};
+use crate::captured::arithmetic::functions::{Elementwise, LANES, ln_1p, map_all};
 
 /// How a render is compared with a view's radiance.
 #[derive(Clone, Copy)]
-pub(super) struct RadianceCurve {
-    pub(super) mu: f32,
-    pub(super) normalisation: HdrNormalisation,
+pub(crate) struct RadianceCurve {
+    pub(crate) mu: f32,
+    pub(crate) normalisation: HdrNormalisation,
 }
 
 /// Returns the largest of some values, if one is above 0.
@@ -35,7 +35,7 @@ fn maximum(values: &[f32]) -> Option<f32> {
 }
 
 /// Returns an image's pixels as planes `[3, H, W]`.
-pub(super) fn planes_of(pixels: &[[f32; 3]]) -> Vec<f32> {
+pub(crate) fn planes_of(pixels: &[[f32; 3]]) -> Vec<f32> {
     let mut planes = vec![0.0; 3 * pixels.len()];
     planes.par_chunks_mut(pixels.len().max(1)).enumerate().for_each(|(c, plane)| {
         plane.iter_mut().zip(pixels).for_each(|(value, rgb)| *value = rgb[c]);
@@ -65,7 +65,7 @@ impl RadianceCurve {
     }
 
     /// Returns the target's values under the mu-law, `[3, H, W]`.
-    pub(super) fn target(&self, view: &View) -> Vec<f32> {
+    pub(crate) fn target(&self, view: &View) -> Vec<f32> {
         let mut planes = planes_of(&view.image.pixels);
         let scale = match self.normalisation {
             HdrNormalisation::Scene => view.target.scale,
@@ -85,7 +85,7 @@ impl RadianceCurve {
     }
 
     /// Returns the values of rendered radiance under the mu-law.
-    pub(super) fn values(&self, radiance: &[f32]) -> Vec<f32> {
+    pub(crate) fn values(&self, radiance: &[f32]) -> Vec<f32> {
         let mut values = radiance.to_vec();
         let law = self.mu_law(self.factor(radiance));
         values.par_chunks_mut(radiance.len().div_ceil(3).max(1)).for_each(|values| map_all(&law, values));
@@ -93,7 +93,7 @@ impl RadianceCurve {
     }
 
     /// Turns the gradient by values under the mu-law into that by radiance.
-    pub(super) fn by_radiance(&self, radiance: &[f32], gradient: &mut [f32]) {
+    pub(crate) fn by_radiance(&self, radiance: &[f32], gradient: &mut [f32]) {
         let factor = self.factor(radiance);
         // d ln(1 + mu f x) / ln(1 + mu) = mu f dx / ((1 + mu f x) ln(1 + mu)).
         let (slope, scale) = (self.mu * factor, self.mu * factor / self.mu.ln_1p());
@@ -123,8 +123,8 @@ mod tests {
     use luxel_core::random::standard_normal;
     use luxel_core::{Image, LossWeights};
 
-    use super::super::image_loss::{Compared, ComparedOut, compare};
     use super::*;
+    use crate::captured::images::image_loss::{Compared, ComparedOut, compare};
     use crate::testing::{camera_at, view_of};
 
     fn view() -> View {

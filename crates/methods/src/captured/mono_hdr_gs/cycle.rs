@@ -18,9 +18,9 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::adam::Adam;
-use super::blocks::{Block, CHUNK, from_planes, to_planes};
-use super::functions::{LANES, sigmoid, tanh};
+use crate::captured::arithmetic::adam::Adam;
+use crate::captured::arithmetic::blocks::{Block, CHUNK, from_planes, to_planes};
+use crate::captured::arithmetic::functions::{LANES, sigmoid, tanh};
 
 /// Hidden units.
 const UNITS: usize = 128;
@@ -253,7 +253,7 @@ impl Cycle {
 
     /// Returns the numbers of the network.
     #[cfg(test)]
-    pub(super) fn numbers(&self) -> &[f32] {
+    pub(crate) fn numbers(&self) -> &[f32] {
         &self.numbers
     }
 

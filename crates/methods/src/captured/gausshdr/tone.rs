@@ -16,10 +16,10 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::adam::Adam;
-use super::blocks::{Block, CHUNK};
-use super::functions::{LANES, exp, sigmoid, softplus};
 use super::soft_network::{Pair, SoftNetwork, add};
+use crate::captured::arithmetic::adam::Adam;
+use crate::captured::arithmetic::blocks::{Block, CHUNK};
+use crate::captured::arithmetic::functions::{LANES, exp, sigmoid, softplus};
 
 /// Smallest uncertainty.
 pub(super) const LEAST_UNCERTAINTY: f32 = 0.1;
@@ -259,7 +259,7 @@ impl GaussTone {
 
     /// Returns the numbers of all networks, one after another.
     #[cfg(test)]
-    pub(super) fn numbers(&self) -> Vec<&[f32]> {
+    pub(crate) fn numbers(&self) -> Vec<&[f32]> {
         let locals = self.local.iter().chain([&self.uncertainty]).map(Local::numbers);
         self.global.iter().map(Global::numbers).chain(locals).collect()
     }

@@ -106,7 +106,7 @@ mod tests {
     use luxel_core::synthetic;
 
     use super::*;
-    use crate::captured::lift::Lift;
+    use crate::captured::mono_hdr_gs::lift::Lift;
     use crate::testing::camera_at;
 
     #[test]

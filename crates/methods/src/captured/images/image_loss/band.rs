@@ -11,7 +11,7 @@ use luxel_core::{SQUARED_KNEE, SSIM_RADIUS, each};
 
 use super::similarity::{DERIVATIVES, MEANS, similarity};
 use super::window::{Derivatives, GROUP, MarginedRow, Taps, ValuePair, derivatives_down, means_down, taps};
-use crate::captured::functions::LANES;
+use crate::captured::arithmetic::functions::LANES;
 
 /// Rows of a band: whole groups. A constant, on which sums depend.
 pub(super) const BAND: usize = 40;

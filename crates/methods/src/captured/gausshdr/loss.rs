@@ -16,10 +16,10 @@ use luxel_core::{LossWeights, View};
 use luxel_lanes::Level;
 use rayon::prelude::*;
 
-use super::functions::{LANES, ln};
-use super::gauss_tone::{LEAST_UNCERTAINTY, local_value};
-use super::image_loss::{Compared, ComparedOut, Comparison, compare};
-use super::radiance_loss::planes_of;
+use super::tone::{LEAST_UNCERTAINTY, local_value};
+use crate::captured::arithmetic::functions::{LANES, ln};
+use crate::captured::images::image_loss::{Compared, ComparedOut, Comparison, compare};
+use crate::captured::images::radiance_loss::planes_of;
 
 /// Weight of the loss of the pixels' global value.
 const GLOBAL_WEIGHT: f32 = 0.5;

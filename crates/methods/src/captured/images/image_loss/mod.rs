@@ -19,40 +19,40 @@ use self::band::{BAND, BandOut, Channel, Scratch, Sums};
 
 /// A prediction with its target, and how much pixels and values count.
 #[derive(Clone, Copy)]
-pub(super) struct Compared<'a> {
+pub(crate) struct Compared<'a> {
     /// Width and height.
-    pub(super) size: [usize; 2],
+    pub(crate) size: [usize; 2],
     /// `[3, H, W]`.
-    pub(super) prediction: &'a [f32],
+    pub(crate) prediction: &'a [f32],
     /// `[3, H, W]`.
-    pub(super) target: &'a [f32],
+    pub(crate) target: &'a [f32],
     /// Weights of pixels, `[H, W]`.
-    pub(super) pixels: Option<&'a [f32]>,
+    pub(crate) pixels: Option<&'a [f32]>,
     /// Weights of the difference of each value and of the SSIM of the window around it, `[3, H,
     /// W]`; L1 and SSIM that are reported have them, too.
-    pub(super) values: Option<&'a [f32]>,
+    pub(crate) values: Option<&'a [f32]>,
     /// Factor of the gradient.
-    pub(super) factor: f32,
+    pub(crate) factor: f32,
 }
 
 /// Receives what a comparison finds value by value.
-pub(super) struct ComparedOut<'a> {
+pub(crate) struct ComparedOut<'a> {
     /// Gradient of the loss by the prediction, `[3, H, W]`.
-    pub(super) by_value: &'a mut [f32],
+    pub(crate) by_value: &'a mut [f32],
     /// 1 - SSIM of the window around each value, `[3, H, W]`, if it is wanted.
-    pub(super) dissimilarity: Option<&'a mut [f32]>,
+    pub(crate) dissimilarity: Option<&'a mut [f32]>,
 }
 
 /// The means of a comparison.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Comparison {
-    pub(super) loss: f32,
-    pub(super) l1: f32,
-    pub(super) ssim: f32,
+pub(crate) struct Comparison {
+    pub(crate) loss: f32,
+    pub(crate) l1: f32,
+    pub(crate) ssim: f32,
 }
 
 /// Compares an image with its target.
-pub(super) fn compare(of: &Compared<'_>, loss: &LossWeights, out: ComparedOut<'_>) -> Comparison {
+pub(crate) fn compare(of: &Compared<'_>, loss: &LossWeights, out: ComparedOut<'_>) -> Comparison {
     let [width, height] = of.size;
     let pixels = width * height;
     if pixels == 0 {

@@ -18,8 +18,8 @@ use luxel_core::{
     Antialias, Camera, Cutoffs, Engine, EngineError, Image, Moments, RasterConfig, Remedy, RenderOptions, Splats, StepReport, View,
 };
 
-use super::color_map::mapped;
 use super::lift::LiftTables;
+use crate::captured::arithmetic::color_map::mapped;
 
 /// The lift of a run as its engine and its steps share it.
 #[derive(Clone)]

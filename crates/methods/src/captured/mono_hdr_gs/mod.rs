@@ -5,19 +5,24 @@
 //! radiance with a captured image. Out: a [`PairChannels`], in which the radiance of splats is
 //! lifted from their captured values.
 
+pub(super) mod cycle;
+pub(super) mod fold;
+pub(super) mod lift;
+pub(super) mod lifted_engine;
+
 use luxel_train::{TrainConfig, TrainError};
 use serde::{Deserialize, Serialize};
 
-use super::cycle::Cycle;
-use super::lift::{Lift, LiftTables};
-use super::pair_channels::{Mapped, PairChannels, PairGradients, PairTargets};
+use self::cycle::Cycle;
+use self::lift::{Lift, LiftTables};
+use crate::captured::images::pair_channels::{Mapped, PairChannels, PairGradients, PairTargets};
 
 /// The networks of a run, with the state of their optimisers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct MonoNetworks {
     pub(crate) lift: Lift,
-    pub(super) cycle: Cycle,
+    pub(crate) cycle: Cycle,
 }
 
 impl MonoNetworks {

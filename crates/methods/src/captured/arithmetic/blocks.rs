@@ -8,13 +8,13 @@ use rayon::prelude::*;
 use super::functions::LANES;
 
 /// `R` numbers of sixteen items.
-pub(super) type Block<const R: usize> = [[f32; LANES]; R];
+pub(crate) type Block<const R: usize> = [[f32; LANES]; R];
 
 /// Blocks that a thread takes at once: 4096 items. A constant, on which sums depend.
-pub(super) const CHUNK: usize = 256;
+pub(crate) const CHUNK: usize = 256;
 
 /// Reads planes.
-pub(super) fn from_planes<const R: usize>(planes: &[f32]) -> Vec<Block<R>> {
+pub(crate) fn from_planes<const R: usize>(planes: &[f32]) -> Vec<Block<R>> {
     let len = planes.len() / R;
     let mut blocks = vec![[[0.0; LANES]; R]; len.div_ceil(LANES)];
     blocks.par_iter_mut().enumerate().with_min_len(CHUNK).for_each(|(n, block)| {
@@ -31,7 +31,7 @@ pub(super) fn from_planes<const R: usize>(planes: &[f32]) -> Vec<Block<R>> {
 }
 
 /// Writes rows `first..first + planes` of blocks to as many planes of `len` numbers.
-pub(super) fn to_planes<const R: usize>(blocks: &[Block<R>], first: usize, len: usize, planes: &mut [f32]) {
+pub(crate) fn to_planes<const R: usize>(blocks: &[Block<R>], first: usize, len: usize, planes: &mut [f32]) {
     planes.par_chunks_mut(len.max(1)).enumerate().for_each(|(r, plane)| {
         let (whole, rest) = plane.as_chunks_mut::<LANES>();
         whole.iter_mut().zip(blocks).for_each(|(out, block)| *out = block[first + r]);
