@@ -52,9 +52,6 @@ const ROUNDS: u32 = 90;
 /// the statistics of some views, and in short runs many rounds are worth more than good ones.
 const ROUND_INTERVALS: [u32; 2] = [50, 100];
 
-/// Part of the raised rates that is left at the last supersampled step.
-const RAISED_LAST: f64 = 0.1;
-
 /// Number of steps between two updates of the 3D smoothing filter.
 const SMOOTHING_INTERVAL: u32 = 100;
 
@@ -236,18 +233,6 @@ impl Schedule {
         is_due.then(|| f64::from(step - from - 1) / f64::from(until - from))
     }
 
-    /// Returns the factor of all rates in `step`: above 1 where supersampling begins after other
-    /// steps, because what several samples see of a pixel asks for other splats than one did, when
-    /// most rates are spent or make steps too small for the few that are left.
-    fn raise(&self, config: &TrainConfig, step: u32) -> f32 {
-        let (samples, first) = self.samples;
-        if config.samples_lr <= 0.0 || samples <= 1 || first <= 1 || step < first {
-            return 1.0;
-        }
-        let progress = f64::from(step - first) / f64::from(self.iterations.saturating_sub(first).max(1));
-        config.samples_lr * RAISED_LAST.powf(progress.min(1.0)) as f32
-    }
-
     /// Returns the learning rates of `step`.
     pub fn learning_rates(&self, config: &TrainConfig, step: u32) -> LearningRates {
         let progress = (f64::from(step) / f64::from(self.iterations.max(1))).min(1.0);
@@ -264,7 +249,6 @@ impl Schedule {
             luminance_dc: luminance,
             luminance_rest: luminance / REST_LR_DIVISOR,
         };
-        let rates = rates.times(self.raise(config, step));
         // Engines leave parameters with a rate of 0 as they are, to the bit.
         if config.freezes_geometry() {
             LearningRates { position: 0.0, rotation: 0.0, log_scale: 0.0, opacity_logit: 0.0, ..rates }
@@ -400,24 +384,6 @@ mod tests {
         assert_eq!(s.learning_rates(&config, 1000), s.learning_rates(&config, 5000));
         assert!((s.learning_rates(&config, 1000).luminance_dc - 0.002).abs() < 1e-7);
         assert!((s.learning_rates(&config, 500).luminance_dc - 0.01).abs() < 1e-6);
-    }
-
-    #[test]
-    fn rates_rise_where_supersampling_begins_and_fall_to_the_end() {
-        let factors = |samples_share: f32, samples_lr: f32| {
-            let config = TrainConfig { samples: Some(2), samples_share, samples_lr, iterations: 1000, ..TrainConfig::default() };
-            let plain = TrainConfig { samples: Some(1), ..config.clone() };
-            let rates = |config: &TrainConfig, step| Schedule::new(config, 1000, 2.0).learning_rates(config, step);
-            [880, 881, 1000, 1100].map(|step| {
-                let (raised, plain) = (rates(&config, step), rates(&plain, step));
-                let factor = raised.position / plain.position;
-                assert!((raised.luminance_rest / plain.luminance_rest - factor).abs() < 1e-4 * factor);
-                (100.0 * factor).round() / 100.0
-            })
-        };
-        assert_eq!(factors(0.12, 4.0), [1.0, 4.0, 0.4, 0.4]);
-        assert_eq!(factors(0.12, 0.0), [1.0; 4]);
-        assert_eq!(factors(1.0, 4.0), [1.0; 4], "there is no step without");
     }
 
     #[test]

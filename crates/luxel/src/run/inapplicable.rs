@@ -136,7 +136,6 @@ const ANCHOR_OPTIONS: &[&str] = &[
     "antialias",
     "samples",
     "samples_share",
-    "samples_lr",
     "cutoffs",
     "init_points",
     "stereo_points",

@@ -203,10 +203,6 @@ options! {
         samples: Option<u8> = None, "N", Range::Limits { min: 1, max: MAX_SAMPLES as u64 }, unset: "2 where no training image has more than 200000 pixels, 1 for larger images and for methods with networks";
         /// Fraction of the steps, at the end, that use supersampling
         samples_share: f32 = 0.12, "FRACTION", Range::Share, needs: [Supersampling];
-        /// Factor of all learning rates at the first step with supersampling, from which it falls
-        /// log-linearly to a tenth of it at the last; 0 leaves the rates as they are, as they are
-        /// where all steps use supersampling
-        samples_lr: f32 = 2.0, "FACTOR", Range::AtLeast(0), needs: [Supersampling];
         /// Cut-offs of the rasteriser
         cutoffs: CutoffPreset = CutoffPreset::Hdr, "CUTOFFS", Range::Any;
     }
