@@ -51,9 +51,6 @@ const LEAST_STEREO_VIEWS: usize = 8;
 /// Degrees of LCD's harmonics as published.
 const CHROMA_DEGREE: u8 = 3;
 const LUMINANCE_DEGREE: u8 = 0;
-/// Least number of steps to which `steps_per_view` lowers that of a run.
-const LEAST_STEPS: u32 = 4500;
-
 /// Degrees of chromaticity and luminance for photographs that were developed for display.
 const DEVELOPED_DEGREES: [u8; 2] = [1, 2];
 
@@ -128,16 +125,6 @@ impl TrainConfig {
     /// texture is, and points are a better start than wrong ones (notebook, `few-views.md`).
     pub fn stereo_points_for(&self, views: usize, has_points: bool) -> u32 {
         self.stereo_points.unwrap_or(if has_points && views < LEAST_STEREO_VIEWS { 0 } else { STEREO_POINTS })
-    }
-
-    /// Returns the configuration for so many training views: with fewer steps where
-    /// `steps_per_view` asks for them. What few steps end at was measured with supersampling alone
-    /// (notebook, `short-runs.md`).
-    #[must_use]
-    pub fn with_steps_for(self, views: usize) -> Self {
-        let Some(per_view) = self.steps_per_view else { return self };
-        let steps = u32::try_from(views).unwrap_or(u32::MAX).saturating_mul(per_view).max(LEAST_STEPS);
-        Self { iterations: self.iterations.min(steps), ..self }
     }
 
     /// Returns the configuration with the degrees of LCD's harmonics decided that are left open:

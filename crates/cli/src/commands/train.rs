@@ -9,7 +9,7 @@ use luxel::run::{
 };
 use luxel::{Remedy, output, text};
 use luxel_core::{Alone, CameraProjection, Dataset, Exchange, View};
-use luxel_train::{MAX_BATCH, Method, Preset, TrainConfig};
+use luxel_train::{MAX_BATCH, Method};
 use serde_json::json;
 
 use super::demo;
@@ -169,7 +169,6 @@ fn resolve(args: &TrainArgs, explicit: &ExplicitArgs, occupant: Occupant, ranks:
     if config.train.batch == 1 && !explicit.contains("batch") {
         config.train.batch = u32::try_from(ranks).unwrap_or(MAX_BATCH);
     }
-    take_few_steps_for_few_views(&mut config, explicit);
     config.run.from = config.run.from.take().map(|from| scene_to_start_from(&from, &args.output)).transpose()?;
     run_config::reject_inapplicable(&config, explicit)?;
     match occupant {
@@ -184,20 +183,6 @@ fn resolve(args: &TrainArgs, explicit: &ExplicitArgs, occupant: Occupant, ranks:
         Occupant::Foreign => {
             bail!("{output}: is not empty and not a luxel run (which --resume and --overwrite are for); choose another output folder")
         }
-    }
-}
-
-/// Number of steps for each training view of a run of [`Preset::Fast`] that nothing else decides.
-const STEPS_PER_VIEW: u32 = 100;
-
-/// Lets the number of steps follow that of the views where nothing else decides it, for what this
-/// was measured on: colour models with the steps of the preset.
-fn take_few_steps_for_few_views(config: &mut RunConfig, explicit: &ExplicitArgs) {
-    let train = &mut config.train;
-    let is_given = config.run.time.is_some() || ["iterations", "steps_per_view"].iter().any(|option| explicit.contains(option));
-    let is_usual = train.preset == Preset::Fast && train.iterations == TrainConfig::from_preset(Preset::Fast).iterations;
-    if !is_given && is_usual && train.method.stores_splats() && !train.method.has_own_steps() {
-        train.steps_per_view = train.steps_per_view.or(Some(STEPS_PER_VIEW));
     }
 }
 
@@ -314,23 +299,5 @@ mod tests {
         std::fs::write(folder.root().join("log.jsonl"), "another's").unwrap();
         let error = lock_free(&folder).unwrap_err().to_string();
         assert!(error.contains("no longer is"), "{error}");
-    }
-
-    #[test]
-    fn steps_follow_the_views_unless_something_else_decides_them() {
-        let steps_per_view = |explicit: &[&str], change: &dyn Fn(&mut TrainConfig)| {
-            let mut config = RunConfig::new("images", TrainConfig::default());
-            change(&mut config.train);
-            take_few_steps_for_few_views(&mut config, &explicit.iter().copied().collect());
-            config.train.steps_per_view
-        };
-        assert_eq!(steps_per_view(&["seed"], &|_| {}), Some(STEPS_PER_VIEW));
-        assert_eq!(steps_per_view(&["iterations"], &|_| {}), None);
-        assert_eq!(steps_per_view(&["steps_per_view"], &|train| train.steps_per_view = Some(7)), Some(7));
-        assert_eq!(steps_per_view(&[], &|train| train.iterations = 8000), None, "as a configuration file says");
-        assert_eq!(steps_per_view(&[], &|train| *train = TrainConfig::from_preset(Preset::Full)), None);
-        for method in [Method::NerfGrid, Method::LcdAnchors, Method::HdrGs] {
-            assert_eq!(steps_per_view(&[], &|train| *train = TrainConfig { method, ..train.clone() }), None, "{method:?}");
-        }
     }
 }

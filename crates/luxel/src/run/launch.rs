@@ -110,12 +110,8 @@ pub fn fresh_over(
     let dataset = open_dataset(&config.dataset_path(launch.folder.root()), &config, launch, start, views)?;
     limit_images(engine.as_mut(), &config);
     let trainer = first_trainer(&config, scene, &dataset, Means { threads, engine, exchange })?;
-    // The trainer decides what the options leave open: samples per pixel, fewer steps for few views,
-    // and with frozen geometry the rasteriser's settings of its scene.
-    if trainer.config().iterations < config.train.iterations {
-        let (steps, views) = (trainer.config().iterations as usize, dataset.train.len());
-        launch.observer.note(&format!("{}, enough for {}", text::plural(steps, "step"), text::plural(views, "training view")));
-    }
+    // The trainer decides what the options leave open: samples per pixel, and with frozen geometry
+    // the rasteriser's settings of its scene.
     let config = RunConfig { train: trainer.config().clone(), ..config };
     let lock = make_room(&dataset)?;
     launch.folder.write_config(&config)?;

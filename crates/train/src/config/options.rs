@@ -84,9 +84,6 @@ options! {
         preset: Preset = Preset::Fast, "PRESET", Range::Any;
         /// Number of training steps, of `batch` views each
         iterations: u32 = 9_000, "N", Range::AtLeast(1);
-        /// Lower the number of steps to this many for each training view, but not below 4500: few
-        /// small images need no more
-        steps_per_view: Option<u32> = None, "N", Range::AtLeast(1), unset: "`iterations` stays; luxel train takes 100 for lcd and sh0 to sh5 with supersampling and preset fast, unless `iterations` or `time` is given";
         /// Number of views that a step trains on, by the mean of their gradients; it takes that
         /// many times as long
         batch: u32 = 1, "N", Range::Limits { min: 1, max: MAX_BATCH as u64 };

@@ -261,15 +261,6 @@ fn developed_photographs_have_a_luminance_that_varies_with_the_view_unless_degre
 }
 
 #[test]
-fn few_views_have_fewer_steps_where_that_is_asked_for() {
-    let steps = |steps_per_view, iterations, views| {
-        TrainConfig { steps_per_view, iterations, ..TrainConfig::default() }.with_steps_for(views).iterations
-    };
-    assert_eq!([1, 18, 60, 200].map(|views| steps(Some(100), 9000, views)), [4500, 4500, 6000, 9000]);
-    assert_eq!([steps(None, 9000, 18), steps(Some(100), 300, 18), steps(Some(1), 9000, usize::MAX)], [9000, 300, 9000]);
-}
-
-#[test]
 fn a_method_is_stored_by_its_name() {
     for (method, value) in Method::VALUES {
         let text = serde_json::to_string(method).unwrap();

@@ -73,7 +73,7 @@ impl Trainer {
         check_lenses(dataset, &config)?;
         check_own_steps(methods, dataset, &config, &*engine)?;
         let config = TrainConfig { samples: Some(config.samples_for(largest_px(&dataset.train))), ..config };
-        let config = config.with_degrees(dataset.is_developed, None).with_steps_for(dataset.train.len());
+        let config = config.with_degrees(dataset.is_developed, None);
         let response = is_recorded(&dataset.train)?.then(|| CameraResponse::new(config.unit_exposure, &dataset.train));
         let knots = response.as_ref().map(CameraResponse::knots);
         let response = if learns_response(dataset, &config)? { response } else { None };
