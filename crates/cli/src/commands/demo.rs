@@ -105,7 +105,12 @@ fn may_replace(folder: &RunFolder) -> Result<()> {
     }
 }
 
+/// Number of steps between rounds of densification, as in long runs: the scene is small, and more
+/// rounds would make more splats, which take time and bring nothing.
+const DENSIFY_INTERVAL: u32 = 100;
+
 fn config(args: &DemoArgs) -> RunConfig {
+    let train = TrainConfig { iterations: args.iterations, method: args.method, ..TrainConfig::default() };
     RunConfig {
         luxel_version: luxel::VERSION.into(),
         made_by: MadeBy::Demo,
@@ -113,7 +118,7 @@ fn config(args: &DemoArgs) -> RunConfig {
         load: LoadOptions::default(),
         device: args.device.options(),
         run: RunOptions { checkpoint_every: 0, keep_checkpoints: 1, eval_at: Vec::new(), eval_every: None, ..RunOptions::default() },
-        train: TrainConfig { iterations: args.iterations, method: args.method, ..TrainConfig::default() },
+        train: TrainConfig { densify_interval: Some(DENSIFY_INTERVAL), ..train },
     }
 }
 
