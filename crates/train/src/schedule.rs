@@ -9,9 +9,9 @@
 //!
 //! Published schedules are for 30000 steps. In shorter runs the end of densification and all decays
 //! scale in proportion; in runs below 10000 steps, the start of densification and the increases of
-//! the degree scale too, and in runs below 9000 steps the interval between rounds, down to 50 steps.
-//! Resets stay 3000 steps apart, because opacities need a fixed number of steps to recover: a run
-//! of 10000 steps has one reset, at 3000, instead of four.
+//! the degree scale too, and in runs below 9000 steps the interval between rounds, down to 50
+//! steps. Resets stay 3000 steps apart, because opacities need a fixed number of steps to recover:
+//! a run of 10000 steps has one reset, at 3000, instead of four.
 //! After the last reset, splats need time to prove useless. In 3DGS a whole reset interval of
 //! rounds follows it; here at least a third of an interval must follow, or the reset is left out.
 //!

@@ -133,8 +133,9 @@ impl Matrix {
             readings: Vec::new(),
         };
         for source in &matrix.sources {
-            let runs = (&*matrix.methods, &*matrix.seeds);
-            matrix.readings.push(reading_of(source, &matrix.load, &matrix.root, runs, asked.contains(source))?);
+            let places = |method| matrix.seeds.iter().map(move |seed| run_place(source, method, *seed));
+            let runs: Vec<PathBuf> = matrix.methods.iter().copied().flat_map(places).map(|place| matrix.root.join(place)).collect();
+            matrix.readings.push(reading_of(&source.name, &source.path, &matrix.load, &runs, asked.contains(source))?);
         }
         for seed in matrix.seeds.clone() {
             for (source, method) in
@@ -319,7 +320,7 @@ impl Cell {
 }
 
 /// Returns the place of a run in the output folder.
-pub(super) fn run_place(source: &Source, method: StudyMethod, seed: u64) -> PathBuf {
+fn run_place(source: &Source, method: StudyMethod, seed: u64) -> PathBuf {
     Path::new(RUNS).join(&source.name).join(method.name()).join(format!("seed_{seed}"))
 }
 

@@ -6,12 +6,10 @@
 //! any. Degenerate: a data set of an earlier call that is gone and has no run is not trained on, so
 //! its options say nothing.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use luxel_io::{Downscale, LoadOptions};
 
-use super::matrix::{Source, run_place};
-use super::method::StudyMethod;
 use crate::Result;
 use crate::dataset::reduction_line;
 use crate::error::Context;
@@ -24,26 +22,19 @@ pub(super) struct SourceReading {
     pub(super) note: Option<String>,
 }
 
-/// Returns how a data set is read. `runs` are the methods and seeds of the study, in its folder;
+/// Returns how the data set at `path` is read. `runs` are the places of the study's runs on it;
 /// `is_asked` says whether this call asks for the data set.
-pub(super) fn reading_of(
-    source: &Source,
-    load: &LoadOptions,
-    root: &Path,
-    (methods, seeds): (&[StudyMethod], &[u64]),
-    is_asked: bool,
-) -> Result<SourceReading> {
+pub(super) fn reading_of(name: &str, path: &Path, load: &LoadOptions, runs: &[PathBuf], is_asked: bool) -> Result<SourceReading> {
     let with = |factor, note| SourceReading { load: LoadOptions { downscale: Downscale::By(factor), ..load.clone() }, note };
     if load.downscale != Downscale::Auto {
         return Ok(SourceReading { load: load.clone(), note: None });
     }
-    let places = methods.iter().flat_map(|method| seeds.iter().map(|seed| root.join(run_place(source, *method, *seed))));
-    let stored = places.filter(|place| RunFolder::is_run(place)).find_map(|place| Some(RunFolder::open(&place).ok()?.1.load.downscale));
+    let stored = runs.iter().filter(|place| RunFolder::is_run(place)).find_map(|place| Some(RunFolder::open(place).ok()?.1.load.downscale));
     if let Some(Downscale::By(factor)) = stored {
         return Ok(with(factor, None));
     }
-    match luxel_io::choose_downscale(&source.path, load) {
-        Ok(chosen) => Ok(with(chosen.factor, (chosen.factor > 1).then(|| format!("{}: {}", source.name, reduction_line(chosen))))),
+    match luxel_io::choose_downscale(path, load) {
+        Ok(chosen) => Ok(with(chosen.factor, (chosen.factor > 1).then(|| format!("{name}: {}", reduction_line(chosen))))),
         Err(_) if !is_asked => Ok(with(1, None)),
         Err(error) => Err(error).context("cannot read the data set"),
     }
