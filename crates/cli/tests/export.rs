@@ -91,9 +91,9 @@ fn pruning_and_refining_do_what_they_say() {
     };
     let (plain, refined) = (error("plain.ply", &["--refine", "0"]), error("refined.ply", &["--refine", "150"]));
     assert!(refined < plain, "{refined} {plain}");
-    // By default, on few and small views, it is what 300 steps make.
+    // By default, on few and small views, it is what 100 steps make.
     assert!(error("default.ply", &[]) < plain);
-    error("explicit.ply", &["--refine", "300"]);
+    error("explicit.ply", &["--refine", "100"]);
     assert!(std::fs::read(place.path("default.ply")).unwrap() == std::fs::read(place.path("explicit.ply")).unwrap());
     // A picture's splats differ in size from those of the radiance; where one file holds both, each
     // has its own.
