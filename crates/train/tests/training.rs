@@ -155,7 +155,7 @@ fn at_the_bound_splats_are_relocated_and_stay_within_it() {
 #[test]
 fn the_scene_of_a_finished_run_is_the_mean_of_its_last_states() {
     let data = dataset();
-    let config = |average_share| TrainConfig { average_share, ..config(20) };
+    let config = |average_share| TrainConfig { average_share, samples: Some(1), ..config(20) };
     let mut plain = Trainer::new(&data, config(0.0), engine()).unwrap();
     let mut averaged = Trainer::new(&data, config(0.1), engine()).unwrap();
     run(&mut plain, 19);
@@ -188,7 +188,7 @@ fn assert_is_mean(mean: &[f32], states: &[Vec<f32>]) {
 #[test]
 fn a_run_that_is_made_longer_is_averaged_before_its_new_end() {
     let data = dataset();
-    let mut trainer = Trainer::new(&data, TrainConfig { average_share: 0.1, ..config(20) }, engine()).unwrap();
+    let mut trainer = Trainer::new(&data, TrainConfig { average_share: 0.1, samples: Some(1), ..config(20) }, engine()).unwrap();
     run(&mut trainer, 20);
     let finished = harmonics(&mut trainer);
     trainer.set_iterations(40);
@@ -216,7 +216,7 @@ fn a_run_that_is_made_longer_is_averaged_before_its_new_end() {
 #[test]
 fn a_run_that_ends_early_becomes_the_mean_so_far() {
     let data = dataset();
-    let config = TrainConfig { average_share: 0.5, densify_until: Some(10), ..config(40) };
+    let config = TrainConfig { average_share: 0.5, densify_until: Some(10), samples: Some(1), ..config(40) };
     let mut trainer = Trainer::new(&data, config, engine()).unwrap();
     run(&mut trainer, 20);
     let states: Vec<Vec<f32>> = (21..=30)

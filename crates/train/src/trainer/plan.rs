@@ -74,7 +74,7 @@ mod tests {
         let points =
             (0..50).map(|i| Point { position: [0.1 * (i % 10) as f32, 0.1 * (i / 10) as f32, 4.0], rgb8: None, observations: Vec::new() });
         let dataset = Dataset { points: points.collect(), ..dataset_of((0..3).map(view).collect()) };
-        let config = TrainConfig { iterations, samples: Some(samples), average_share: 0.15, ..TrainConfig::default() };
+        let config = TrainConfig { iterations, samples: Some(samples), samples_share: 0.25, average_share: 0.15, ..TrainConfig::default() };
         Trainer::new(&dataset, config, Box::new(CpuEngine::new(1).unwrap())).unwrap()
     }
 
