@@ -100,7 +100,8 @@ options! {
         /// images that are too large for a step
         crop: Option<u32> = None, "PX", Range::AtLeast(64), unset: "whole views";
         /// Fraction of the steps, at the end and after densification, over which the parameters are
-        /// averaged to the final scene; 0 disables it
+        /// averaged to the final scene, but at most the second half of the steps with
+        /// supersampling, if others come before them; 0 disables it
         average_share: f32 = 0.15, "FRACTION", Range::ShareBelowOne;
         /// Fraction of the splats that a step leaves out at random, against overfitting; it rises
         /// from 0 at the first step to this at the last, and up to twice this where validation
