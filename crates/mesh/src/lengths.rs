@@ -15,6 +15,8 @@ const SAMPLES: usize = 4096;
 const VOXELS_ACROSS: f64 = 256.0;
 /// Share of points that lie below and above the box of the scene, along each axis.
 const OUTSIDE: f64 = 0.01;
+/// Depths beyond this many medians are not part of the scene's box: the horizon of a yard.
+const FAR_MEDIANS: f64 = 4.0;
 /// Side of a pixel's footprint, in voxels, at the depth limit.
 const COARSEST_PIXEL: f64 = 4.0;
 /// Truncation in voxels, at least.
@@ -26,7 +28,8 @@ const TRUNCATION_SPREADS: f64 = 0.7;
 /// Lengths of a fusion, in the unit of the cameras.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lengths {
-    /// Diagonal of the box that holds all but outliers of the points seen.
+    /// Diagonal of the box that holds all but outliers of the points seen, without those much
+    /// farther than most.
     pub extent: f64,
     /// Side of a voxel.
     pub voxel: f64,
@@ -51,7 +54,7 @@ impl Lengths {
                 return Err(MeshError::Length { name, value });
             }
         }
-        let (mut points, mut depths, mut spreads, mut footprints) = ([const { Vec::new() }; 3], Vec::new(), Vec::new(), Vec::new());
+        let (mut points, mut depths, mut spreads, mut footprints) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for frame in frames {
             let stride = (frame.depth.len() / SAMPLES).max(1);
             for pixel in (0..frame.depth.len()).step_by(stride).filter(|pixel| frame.shows_surface(*pixel)) {
@@ -59,8 +62,7 @@ impl Lengths {
                 if options.max_depth.is_some_and(|most| depth > most) {
                     continue;
                 }
-                let point = point_at(&frame.camera, pixel, depth).to_array();
-                points.iter_mut().zip(point).for_each(|(axis, value)| axis.push(value));
+                points.push((point_at(&frame.camera, pixel, depth), depth));
                 depths.push(depth);
                 spreads.push(f64::from(frame.spread[pixel]));
                 footprints.push(depth / frame.camera.focal_px.min_element());
@@ -71,8 +73,12 @@ impl Lengths {
         else {
             return Err(MeshError::NoSurface { least_alpha: LEAST_ALPHA });
         };
-        let side = |axis: &mut Vec<f64>| Some(quantile(axis, 1.0 - OUTSIDE)? - quantile(axis, OUTSIDE)?);
-        let extent = points.iter_mut().filter_map(side).map(|side| side * side).sum::<f64>().sqrt().max(footprint);
+        points.retain(|(_, depth)| *depth <= FAR_MEDIANS * median_depth);
+        let side = |axis: usize| {
+            let mut places: Vec<f64> = points.iter().map(|(point, _)| point[axis]).collect();
+            Some(quantile(&mut places, 1.0 - OUTSIDE)? - quantile(&mut places, OUTSIDE)?)
+        };
+        let extent = (0..3).filter_map(side).map(|side| side * side).sum::<f64>().sqrt().max(footprint);
         let voxel = options.voxel.unwrap_or((extent / VOXELS_ACROSS).max(footprint));
         let focal_px = frames.iter().map(|frame| frame.camera.focal_px.min_element()).fold(0.0, f64::max);
         Ok(Self {

@@ -227,3 +227,15 @@ fn what_makes_no_mesh_is_an_error() {
     broken[1].alpha.pop();
     assert!(error(&broken, &usual).to_string().starts_with("depth image 1: arrays of"));
 }
+
+#[test]
+fn a_horizon_does_not_make_voxels_coarse() {
+    let near = sphere(DVec3::ZERO, RADIUS);
+    // The ball fills most of an image.
+    let seen = |depth_behind: Option<f64>| {
+        around(60, 1.1).into_iter().map(|eye| image(eye, |eye, ray| near(eye, ray).or(depth_behind))).collect::<Vec<_>>()
+    };
+    let [alone, before] = [seen(None), seen(Some(1000.0))];
+    let [(_, alone), (_, before)] = [alone, before].map(|frames| fuse(frames, &FusionOptions::default()).unwrap());
+    assert!(before.lengths.extent <= 1.05 * alone.lengths.extent, "{} {}", before.lengths.extent, alone.lengths.extent);
+}
