@@ -65,10 +65,10 @@ pub use depth::{DepthFolder, DepthKind, DepthMap, DepthReport, decode_depth_map,
 pub use error::{IoError, IoErrorKind};
 pub use gltf::{decode_glb, encode_glb, read_glb, write_glb};
 pub use image::{
-    DecodedImage, ExrAttributes, ExrOptions, ExrPlane, ExrSample, HALF_MAX, LightLevels, PlaneValues, ReadOptions, SampleDepth, Transfer,
-    color_interop_id, decode_codes, decode_image, downscale, downscale_masked, encode_deep_exr, encode_exr, encode_jpeg, encode_png,
-    encode_png_pq, holds_radiance, image_size, pinhole_within, read_codes, read_exr_attributes, read_image, undistort, undistort_into,
-    write_deep_exr, write_exr, write_png,
+    DecodedImage, DisplayCurve, DisplayEncoding, DisplayPrimaries, ExrAttributes, ExrOptions, ExrPlane, ExrSample, HALF_MAX, LightLevels,
+    PlaneValues, ReadOptions, SampleDepth, Transfer, color_interop_id, decode_codes, decode_image, downscale, downscale_masked,
+    encode_deep_exr, encode_exr, encode_jpeg, encode_png, encode_png_pq, holds_radiance, image_size, pinhole_within, read_codes,
+    read_exr_attributes, read_image, undistort, undistort_into, write_deep_exr, write_display_png, write_exr, write_png,
 };
 pub use lights::{LightShape, StageDome, StageLight, StageLights, encode_lights_glb, stage_lights_text, write_lights};
 pub use luxel_core::photo::{Codes, Exif, IccProfile, PhotoInfo, PhotoKind, RawInfo, RawPixels};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use luxel_core::tone::{Tonemap, display_rgb8, rec709_of};
 use luxel_core::{ColorSpace, Image};
-use luxel_io::OcioDisplay;
+use luxel_io::{DisplayEncoding, OcioDisplay};
 
 use crate::Result;
 use crate::error::Context;
@@ -25,6 +25,14 @@ impl Curve {
         match self {
             Self::Tonemap(tonemap) => format!("{tonemap:?}"),
             Self::Ocio(display) => format!("ocio {}", display.digest()),
+        }
+    }
+
+    /// Returns the display that its code values are for; `None` if that is not known.
+    pub fn encoding(&self) -> Option<DisplayEncoding> {
+        match self {
+            Self::Tonemap(_) => Some(DisplayEncoding::default()),
+            Self::Ocio(display) => display.encoding(),
         }
     }
 }
@@ -74,13 +82,15 @@ impl Look {
     }
 }
 
-/// Writes a PNG of an image in normalised units, whose primaries are those of `color_space`.
+/// Writes a PNG of an image in normalised units, whose primaries are those of `color_space`. It says
+/// which display it is for, if that is known.
 ///
 /// # Errors
 /// The file cannot be written.
 pub fn write(path: &Path, image: &Image, color_space: ColorSpace, look: &Look) -> Result<()> {
     let rgb8 = look.rgb8(image, color_space)?;
-    luxel_io::write_png(path, image.width, image.height, rgb8.as_flattened()).context("cannot write a preview")
+    luxel_io::write_display_png(path, [image.width, image.height], rgb8.as_flattened(), look.curve.encoding())
+        .context("cannot write a preview")
 }
 
 /// Encodes a JPEG of linear radiance in normalised units, whose primaries are those of

@@ -35,10 +35,13 @@ impl OcioLookArgs {
     }
 }
 
-/// Returns what to say of pictures of a display that programs take for another one.
+/// Returns what to say of pictures of a display that their files cannot name.
 pub(crate) fn note_of_display(curve: &Curve) -> Option<String> {
     let Curve::Ocio(display) = curve else { return None };
     let name = display.display();
-    let is_usual = ["srgb", "709", "1886"].iter().any(|part| name.to_lowercase().contains(part));
-    (!is_usual).then(|| format!("pictures are for the display {name}; programs take a PNG and an SDR video for sRGB"))
+    match display.encoding() {
+        Some(encoding) if encoding.ffmpeg().is_some() => None,
+        Some(_) => Some(format!("a PNG says that it is for the display {name}; programs take an SDR video for sRGB")),
+        None => Some(format!("pictures are for the display {name}; programs take a PNG and an SDR video for sRGB")),
+    }
 }

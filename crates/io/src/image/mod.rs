@@ -13,6 +13,7 @@
 //! pixels than a file of its length can hold.
 
 pub(crate) mod colorimetry;
+mod display_encoding;
 mod dpx;
 mod exr_attributes;
 mod exr_blocks;
@@ -30,6 +31,7 @@ pub(crate) mod npy;
 pub(crate) mod openexr;
 mod plate;
 mod png;
+mod png_chunks;
 mod png_pq;
 mod radiance;
 mod refused;
@@ -50,6 +52,7 @@ use luxel_core::{Chromaticities, ColorSpace, Image};
 use crate::IoError;
 use crate::read_file::{open_regular, read_file};
 
+pub use display_encoding::{DisplayCurve, DisplayEncoding, DisplayPrimaries};
 pub use exr_attributes::{ExrAttributes, read_exr_attributes};
 pub use exr_deep::{encode_deep_exr, write_deep_exr};
 pub use exr_options::{ExrOptions, ExrPlane, ExrSample, HALF_MAX, PlaneValues};
@@ -58,7 +61,7 @@ pub use png_pq::{LightLevels, encode_png_pq};
 pub use resample::{downscale, downscale_masked, pinhole_within, undistort, undistort_into};
 pub(crate) use straighten::{lost_field, straighten};
 pub use transfer::Transfer;
-pub use write::{encode_exr, encode_jpeg, encode_png, write_exr, write_png};
+pub use write::{encode_exr, encode_jpeg, encode_png, write_display_png, write_exr, write_png};
 
 /// An image as read.
 #[derive(Clone, Debug)]

@@ -7,15 +7,13 @@
 
 use std::path::Path;
 
-use flate2::Crc;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use luxel_core::ColorSpace;
 
+use super::png_chunks::{chunk, insert};
 use crate::IoError;
 
-/// The end of the header chunk: signature 8, length 4, kind 4, content 13, checksum 4.
-const AFTER_HEADER: usize = 33;
 /// BT.2020 primaries, the PQ curve, RGB, full range.
 const CICP: [u8; 4] = [9, 16, 0, 1];
 /// Luminance of `mDCV` and `cLLI` is in parts of 1 cd/m2.
@@ -52,9 +50,7 @@ pub fn encode_png_pq(width: usize, height: usize, codes: &[u16], levels: LightLe
         .write_image(native, width32, height32, ExtendedColorType::Rgb16)
         .map_err(|e| IoError::invalid(name, format!("PNG: {e}")))?;
     let chunks = [chunk(*b"cICP", &CICP), chunk(*b"mDCV", &mastering()), chunk(*b"cLLI", &light(levels))].concat();
-    if bytes.len() > AFTER_HEADER {
-        bytes.splice(AFTER_HEADER..AFTER_HEADER, chunks);
-    }
+    insert(&mut bytes, chunks);
     Ok(bytes)
 }
 
@@ -71,13 +67,6 @@ fn light(LightLevels { max, mean }: LightLevels) -> Vec<u8> {
 
 fn parts(nits: f64) -> [u8; 4] {
     ((nits * PARTS).round() as u32).to_be_bytes()
-}
-
-fn chunk(kind: [u8; 4], content: &[u8]) -> Vec<u8> {
-    let mut crc = Crc::new();
-    crc.update(&kind);
-    crc.update(content);
-    [&(content.len() as u32).to_be_bytes()[..], &kind, content, &crc.sum().to_be_bytes()].concat()
 }
 
 #[cfg(test)]

@@ -15,10 +15,12 @@ use image::{ExtendedColorType, ImageEncoder};
 use luxel_core::environment::Projection;
 use luxel_core::{Camera, Image};
 
+use super::display_encoding::DisplayEncoding;
 use super::exr_header::sort_attributes;
 use super::exr_lines::ImageChannels;
 use super::exr_options::{ExrOptions, out_of_range};
 use super::interop_id;
+use super::png_chunks::insert;
 use crate::{IoError, write_atomically};
 
 /// Writes R, G, B (and A, Z and N if there are any) with ZIP compression in blocks of 16 lines.
@@ -177,7 +179,16 @@ pub fn encode_jpeg(width: usize, height: usize, rgb8: &[u8], quality: u8) -> Res
 /// # Errors
 /// The system's, or the number of bytes is not `3 * width * height`.
 pub fn write_png(path: &Path, width: usize, height: usize, rgb8: &[u8]) -> Result<(), IoError> {
-    let bytes = encode_png(width, height, rgb8).map_err(|e| IoError::invalid(path, e.message))?;
+    write_display_png(path, [width, height], rgb8, Some(DisplayEncoding::default()))
+}
+
+/// Writes an 8-bit preview of `[width, height]` pixels, row-major, for a display; the file does not
+/// say which if that is `None`.
+///
+/// # Errors
+/// Those of [`write_png`].
+pub fn write_display_png(path: &Path, [width, height]: [usize; 2], rgb8: &[u8], display: Option<DisplayEncoding>) -> Result<(), IoError> {
+    let bytes = encode(width, height, rgb8, display).map_err(|e| IoError::invalid(path, e.message))?;
     write_atomically(path, |out| out.write_all(&bytes).map_err(|e| IoError::system(path, "write", &e)))
 }
 
@@ -198,11 +209,10 @@ pub fn write_png(path: &Path, width: usize, height: usize, rgb8: &[u8]) -> Resul
 /// # Errors
 /// The same as [`write_png`].
 pub fn encode_png(width: usize, height: usize, rgb8: &[u8]) -> Result<Vec<u8>, IoError> {
-    /// The end of the header chunk: signature 8, length 4, kind 4, content 13, checksum 4.
-    const AFTER_HEADER: usize = 33;
-    /// Length, kind, rendering intent "perceptual", checksum: so that viewers do not guess the
-    /// curve.
-    const SRGB_CHUNK: [u8; 13] = *b"\x00\x00\x00\x01sRGB\x00\xae\xce\x1c\xe9";
+    encode(width, height, rgb8, Some(DisplayEncoding::default()))
+}
+
+fn encode(width: usize, height: usize, rgb8: &[u8], display: Option<DisplayEncoding>) -> Result<Vec<u8>, IoError> {
     let name = Path::new("preview.png");
     let size = (u32::try_from(width).ok(), u32::try_from(height).ok());
     let expected = width.checked_mul(height).and_then(|n| n.checked_mul(3));
@@ -213,8 +223,7 @@ pub fn encode_png(width: usize, height: usize, rgb8: &[u8]) -> Result<Vec<u8>, I
     PngEncoder::new(&mut bytes)
         .write_image(rgb8, width32, height32, ExtendedColorType::Rgb8)
         .map_err(|e| IoError::invalid(name, format!("PNG: {e}")))?;
-    if bytes.len() > AFTER_HEADER {
-        bytes.splice(AFTER_HEADER..AFTER_HEADER, SRGB_CHUNK);
-    }
+    // So that viewers do not guess.
+    insert(&mut bytes, display.map_or_else(Vec::new, DisplayEncoding::png_chunks));
     Ok(bytes)
 }

@@ -6,6 +6,7 @@ use std::path::Path;
 use luxel_core::{ColorSpace, Image};
 
 use crate::IoError;
+use crate::image::DisplayEncoding;
 
 /// A colour space of an OpenColorIO configuration; this build has none.
 #[derive(Debug)]
@@ -49,6 +50,11 @@ impl OcioDisplay {
 
     /// Never called: there is no value of this type.
     pub fn display(&self) -> &str {
+        match *self {}
+    }
+
+    /// Never called: there is no value of this type.
+    pub fn encoding(&self) -> Option<DisplayEncoding> {
         match *self {}
     }
 

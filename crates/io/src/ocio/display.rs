@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use super::{CHUNK, content, listed};
 use crate::IoError;
 use crate::image::guard::contain;
+use crate::image::{DisplayCurve, DisplayEncoding};
 
 /// From linear light to a display, by one of its views.
 pub struct OcioDisplay {
@@ -18,6 +19,7 @@ pub struct OcioDisplay {
     display: String,
     view: String,
     digest: String,
+    encoding: Option<DisplayEncoding>,
 }
 
 impl OcioDisplay {
@@ -28,16 +30,17 @@ impl OcioDisplay {
     /// ACES2065-1.
     pub fn open(config: &Path, display: Option<&str>, view: Option<&str>) -> Result<Self, IoError> {
         let content = content(config)?;
-        let (display_from_aces, display, view) = contain(config, || {
+        let (display_from_aces, display, view, encoding) = contain(config, || {
             let (parsed, interchange) = content.parse()?;
             let (display, view) = chosen(config, &parsed, display, view)?;
             let processor = parsed.get_display_view_processor(interchange, &display, &view);
             let processor =
                 processor.map_err(|e| IoError::invalid(config, format!("from {interchange} to {display}, view {view}: {e}")))?;
-            Ok((processor.default_cpu_processor(), display, view))
+            let encoding = encoding_of(&parsed, &display, &view);
+            Ok((processor.default_cpu_processor(), display, view, encoding))
         })?;
         let digest = content.digest(&format!("{display} {view}"));
-        Ok(Self { config: config.to_owned(), display_from_aces, display, view, digest })
+        Ok(Self { config: config.to_owned(), display_from_aces, display, view, digest, encoding })
     }
 
     /// Returns the name of the display.
@@ -48,6 +51,12 @@ impl OcioDisplay {
     /// Returns the name of the view.
     pub fn view(&self) -> &str {
         &self.view
+    }
+
+    /// Returns what its code values are for; `None` if the configuration does not say it in a way
+    /// that is known.
+    pub fn encoding(&self) -> Option<DisplayEncoding> {
+        self.encoding
     }
 
     /// Returns the digest of configuration, display and view, for keys of images that were made
@@ -79,6 +88,25 @@ impl std::fmt::Debug for OcioDisplay {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "OcioDisplay({})", self.digest)
     }
+}
+
+/// Returns the encoding of a display by its colour space's id, or else by names that only sRGB's
+/// and Rec.709's displays have.
+fn encoding_of(config: &Config, display: &str, view: &str) -> Option<DisplayEncoding> {
+    let name = match config.display_view_color_space_name(display, view) {
+        "<USE_DISPLAY_NAME>" => display,
+        name => name,
+    };
+    let space = config.get_color_space(name)?;
+    if !space.interop_id().is_empty() {
+        return DisplayEncoding::from_interop_id(space.interop_id());
+    }
+    let curve = match name.to_lowercase() {
+        name if name.contains("srgb") => DisplayCurve::Srgb,
+        name if name.contains("709") => DisplayCurve::Gamma24,
+        _ => return None,
+    };
+    Some(DisplayEncoding { curve, ..DisplayEncoding::default() })
 }
 
 /// Returns the display and the view, which the configuration has.
@@ -131,6 +159,16 @@ mod tests {
         assert!(grey.iter().all(|v| (v - 0.349).abs() < 0.01), "{grey:?}");
         assert!(image.pixels[1].iter().all(|v| (0.97..=1.0).contains(v)), "{:?}", image.pixels[1]);
         assert!(image.pixels[2].iter().all(|v| (0.0..=1.0).contains(v)));
+    }
+
+    #[test]
+    fn code_values_are_for_the_display_that_the_configuration_names() {
+        let encoding = |display, view| OcioDisplay::open(Path::new(ACES_2), Some(display), view).unwrap().encoding();
+        assert_eq!(encoding("sRGB - Display", None), Some(DisplayEncoding::default()));
+        assert_eq!(encoding("Display P3 - Display", None), DisplayEncoding::from_interop_id("srgb_p3d65_display"));
+        assert_eq!(encoding("Rec.2100-PQ - Display", None), DisplayEncoding::from_interop_id("pq_rec2020_display"));
+        // Data as it is has no display.
+        assert_eq!(encoding("Display P3 - Display", Some("Raw")), None);
     }
 
     #[test]

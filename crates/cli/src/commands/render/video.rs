@@ -18,7 +18,7 @@ use luxel::preview::{self, Curve};
 use luxel::text;
 use luxel_core::tone::{REFERENCE_WHITE_NITS, display_rgb8, pq_encode, rec709_of};
 use luxel_core::{ColorSpace, Conversion, Image, RadianceScale};
-use luxel_io::ReadOptions;
+use luxel_io::{DisplayEncoding, ReadOptions};
 use rayon::prelude::*;
 
 use super::{Job, Making};
@@ -244,18 +244,21 @@ fn output_options(look: &Look, [max_cll, max_fall]: [u32; 2]) -> Vec<String> {
     let even = "pad=ceil(iw/2)*2:ceil(ih/2)*2";
     let words = |options: &[&str]| options.iter().map(|word| (*word).to_owned()).collect();
     match look {
-        Look::Sdr(_) => words(&[
-            "-vf",
-            &format!(
-                "{even},scale=out_color_matrix=bt709:out_range=tv,format=yuv420p,setparams=color_primaries=bt709:color_trc=iec61966-2-1:colorspace=bt709"
-            ),
-            "-c:v",
-            "libx264",
-            "-crf",
-            "16",
-            "-movflags",
-            "+faststart",
-        ]),
+        Look::Sdr(curve) => {
+            let [primaries, curve] = curve.encoding().and_then(DisplayEncoding::ffmpeg).unwrap_or(["bt709", "iec61966-2-1"]);
+            words(&[
+                "-vf",
+                &format!(
+                    "{even},scale=out_color_matrix=bt709:out_range=tv,format=yuv420p,setparams=color_primaries={primaries}:color_trc={curve}:colorspace=bt709"
+                ),
+                "-c:v",
+                "libx264",
+                "-crf",
+                "16",
+                "-movflags",
+                "+faststart",
+            ])
+        }
         Look::Hdr10 { peak } => {
             // In units of 0.00002 and 0.0001 cd/m2.
             let [r, g, b, w] = ColorSpace::LinearRec2020.chromaticities().map(|xy| xy.map(|v| (v * 50_000.0).round() as u32));
