@@ -82,8 +82,8 @@ impl Look {
     }
 }
 
-/// Writes a PNG of an image in normalised units, whose primaries are those of `color_space`. It says
-/// which display it is for, if that is known.
+/// Writes a PNG of an image in normalised units, whose primaries are those of `color_space`. The
+/// file says which display it is for, if that is known.
 ///
 /// # Errors
 /// The file cannot be written.

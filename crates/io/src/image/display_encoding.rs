@@ -45,7 +45,7 @@ pub enum DisplayCurve {
     Pq,
 }
 
-/// What code values are for; that of sRGB by default.
+/// The display that code values are for; sRGB by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DisplayEncoding {
     /// Primaries.
@@ -165,7 +165,7 @@ impl DisplayEncoding {
             profile.blue_trc = Some(curve);
         }
         profile.description = Some(ProfileText::Localizable(vec![LocalizableString::new("en".to_owned(), "US".to_owned(), name.clone())]));
-        let encoded = profile.encode().ok()?;
+        let encoded = padded(profile.encode().ok()?);
         let mut content = name.into_bytes();
         // The end of the name, and the compression method.
         content.extend([0, 0]);
@@ -173,6 +173,17 @@ impl DisplayEncoding {
         packed.write_all(&encoded).ok()?;
         packed.finish().ok()
     }
+}
+
+/// Returns a profile with the length that version 4 asks for, a multiple of four: libpng drops
+/// others without a word.
+fn padded(mut profile: Vec<u8>) -> Vec<u8> {
+    profile.resize(profile.len().next_multiple_of(4), 0);
+    let length = profile.len() as u32;
+    if let Some(head) = profile.first_chunk_mut() {
+        *head = length.to_be_bytes();
+    }
+    profile
 }
 
 #[cfg(test)]
@@ -220,6 +231,8 @@ mod tests {
     fn profiles_hold_the_primaries_that_readers_find() {
         let found = |id| profile_of_file(&png(DisplayEncoding::from_interop_id(id))).unwrap();
         assert_eq!(found("srgb_p3d65_display").space, Some(ColorSpace::LinearDisplayP3));
+        let profile = padded(vec![0; 598]);
+        assert_eq!((profile.len(), &profile[..4]), (600, &[0, 0, 2, 88][..]));
         assert_eq!(found("g26_p3d65_display").name, "Display P3, gamma 2.6");
         assert_eq!(found("g22_rec709_display").space, Some(ColorSpace::LinearRec709));
     }
