@@ -108,7 +108,12 @@ impl Schedule {
         let samples = config.raster().samples;
         let unsampled_steps = if samples > 1 { iterations.saturating_sub(sampled_steps) } else { 0 };
         let adapted = if unsampled_steps > 0 { unsampled_steps + sampled_steps / 2 } else { 0 };
-        let unaveraged_steps = if unsampled_steps < end { densify_until.max(adapted.min(end)) } else { densify_until };
+        let unaveraged_steps = match end {
+            end if end > adapted => densify_until.max(adapted),
+            // A run that ends early has the states that it has.
+            end if end > unsampled_steps => densify_until.max(unsampled_steps),
+            _ => densify_until,
+        };
         Self {
             iterations,
             end,
@@ -347,6 +352,16 @@ mod tests {
             Schedule::new(&config, 1000, 2.0).averaged_steps
         };
         assert_eq!([averaged(2, 0.4), averaged(2, 0.12), averaged(2, 0.0), averaged(2, 1.0), averaged(1, 0.12)], [150, 60, 150, 150, 150]);
+    }
+
+    #[test]
+    fn a_run_that_ends_early_averages_what_it_has_adapted() {
+        let averaged = |end| {
+            let config = TrainConfig { samples: Some(2), samples_share: 0.2, average_share: 0.15, iterations: end, ..TrainConfig::default() };
+            Schedule::new(&config, 1000, 2.0).averaged_steps
+        };
+        // Supersampled from 801, adapted from 901.
+        assert_eq!([1000, 950, 900, 850, 800].map(averaged), [100, 50, 100, 50, 120]);
     }
 
     #[test]
