@@ -50,7 +50,7 @@ export class Viewer {
   /** @type {import("./probes.js").Probes | null} */ probes = null;
   /** @type {import("./radiometry.js").Radiometry | null} */ radiometry = null;
   /** @type {import("./environment.js").EnvironmentPanel | null} */ environment = null;
-  /** @type {import("./placed.js").Placed | null} */ placed = null;
+  /** @type {import("./object/placed.js").Placed | null} */ placed = null;
   /** @type {import("./path.js").PathPanel | null} */ path = null;
   /** @type {import("./saving.js").Saving | null} */ saving = null;
   /** @type {import("./training.js").TrainingPanel | null} */ training = null;
