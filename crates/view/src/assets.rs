@@ -23,6 +23,7 @@ pub(crate) const TITLE: &str = "{{title}}";
 pub(crate) const ASSETS: &[(&str, Asset)] = &[
     ("style.css", Asset { content: include_str!("page/style.css"), media_type: "text/css; charset=utf-8" }),
     ("icon.svg", Asset { content: include_str!("page/icon.svg"), media_type: "image/svg+xml" }),
+    script!("aperture.js"),
     script!("clicks.js"),
     script!("comparison.js"),
     script!("connection.js"),
@@ -68,6 +69,7 @@ pub(crate) const ASSETS: &[(&str, Asset)] = &[
     script!("object/solid.js"),
     script!("object/surface.js"),
     script!("object/teapot.js"),
+    script!("ocio.js"),
     script!("optics.js"),
     script!("overlay.js"),
     script!("pace.js"),

@@ -135,6 +135,10 @@ export default {
     await says(page, "an index beyond the 5 corners");
     await opens("empty.glb", { asset: { version: "2.0" } });
     await says(page, "empty.glb: the file has no triangles");
+    await opens("odd.glb", { ...json, meshes: [{ primitives: 3 }] });
+    await says(page, "odd.glb: its description does not follow glTF 2.0");
+    await opens("point.glb", json, Buffer.alloc(binary.length));
+    await says(page, "point.glb: the file has no triangles");
     await page.setInputFiles("#object-file", file("text.glb", Buffer.from("no binary glTF at all")));
     await says(page, "not a binary glTF file");
     await page.close();

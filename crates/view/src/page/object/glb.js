@@ -31,6 +31,15 @@ const refuse = (message) => {
   throw new Error(message);
 };
 
+/** @param {ArrayBuffer} bytes @param {number} at @param {number} size */
+function description(bytes, at, size) {
+  try {
+    return JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, at, size)));
+  } catch {
+    return refuse("its description is not JSON");
+  }
+}
+
 /** The parts of a file. @param {ArrayBuffer} bytes @returns {{ json: any, binary: DataView }} */
 function chunks(bytes) {
   const view = new DataView(bytes);
@@ -42,7 +51,7 @@ function chunks(bytes) {
     const [size, kind] = [view.getUint32(at, true), view.getUint32(at + 4, true)];
     at += 8;
     if (at + size > bytes.byteLength) refuse("the file is cut off");
-    if (kind === JSON_CHUNK && !json) json = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, at, size)));
+    if (kind === JSON_CHUNK && !json) json = description(bytes, at, size);
     else if (kind === BINARY_CHUNK && binary.byteLength === 0) binary = new DataView(bytes, at, size);
     at += size;
   }
@@ -208,6 +217,16 @@ function matrixOf({ matrix, translation: t = [0, 0, 0], rotation: q = [0, 0, 0, 
 
 /** The triangles of a file, and what of it is left out. @param {ArrayBuffer} bytes @param {(rgb: Vec3) => Vec3} toScene from linear Rec.709 to the colours of the scene @returns {{ mesh: Mesh, ignored: string[] }} */
 export function readGlb(bytes, toScene) {
+  try {
+    return trianglesOf(bytes, toScene);
+  } catch (error) {
+    // A list where a number should be, and the like.
+    return error instanceof TypeError ? refuse("its description does not follow glTF 2.0") : refuse(/** @type {Error} */ (error).message);
+  }
+}
+
+/** @param {ArrayBuffer} bytes @param {(rgb: Vec3) => Vec3} toScene @returns {{ mesh: Mesh, ignored: string[] }} */
+function trianglesOf(bytes, toScene) {
   if (bytes.byteLength > MOST_BYTES) refuse(`${(bytes.byteLength / 1e6).toFixed(0)} MB, expected at most ${(MOST_BYTES / 1e6).toFixed(0)} MB`);
   const { json, binary } = chunks(bytes);
   for (const name of json.extensionsRequired ?? []) {

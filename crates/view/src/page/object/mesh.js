@@ -22,10 +22,12 @@ function boundsOf({ positions, indices }) {
   return { low, high };
 }
 
-/** The mesh as it stands. @param {Mesh} mesh @returns {StandingMesh} */
+/** The mesh as it stands; an error for one without a size. @param {Mesh} mesh @returns {StandingMesh} */
 export function standing(mesh) {
   const { low, high } = boundsOf(mesh);
-  const factor = 2 / Math.max(...[0, 1, 2].map((axis) => high[axis] - low[axis]));
+  const longest = Math.max(...[0, 1, 2].map((axis) => high[axis] - low[axis]));
+  if (!(longest > 0 && longest < Infinity)) throw new Error("the triangles have no size");
+  const factor = 2 / longest;
   const from = [(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2];
   const positions = mesh.positions.map((value, i) => (value - from[i % 3]) * factor);
   const height = (high[1] - low[1]) * factor;
