@@ -61,6 +61,7 @@ pub mod colormap;
 pub mod compare;
 mod dataset;
 mod device;
+pub mod display_lut;
 pub mod edit;
 mod error;
 mod events;

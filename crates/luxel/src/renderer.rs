@@ -132,6 +132,15 @@ impl Renderer {
         Ok((Radiance::new(image, self.radiance_scale, self.color_space, &camera), quality))
     }
 
+    /// Renders a part of the samples of a photograph, see [`Photograph::take_part`].
+    ///
+    /// # Errors
+    /// Those of [`Self::photograph`]; a part without samples.
+    pub fn photograph_part(&mut self, photograph: &Photograph, count: u32, part: [u32; 2]) -> Result<Radiance> {
+        let image = photograph.take_part(self.engine.as_mut(), &self.options, count, part)?;
+        Ok(Radiance::new(image, self.radiance_scale, self.color_space, &self.world_camera(&photograph.camera)))
+    }
+
     /// Renders in normalised units.
     pub(crate) fn render_normalised(&mut self, camera: &Camera) -> Result<Image> {
         crate::memory::check_render(camera.size_px, self.options.raster.samples)?;

@@ -357,7 +357,8 @@ mod tests {
     #[test]
     fn a_run_that_ends_early_averages_what_it_has_adapted() {
         let averaged = |end| {
-            let config = TrainConfig { samples: Some(2), samples_share: 0.2, average_share: 0.15, iterations: end, ..TrainConfig::default() };
+            let config =
+                TrainConfig { samples: Some(2), samples_share: 0.2, average_share: 0.15, iterations: end, ..TrainConfig::default() };
             Schedule::new(&config, 1000, 2.0).averaged_steps
         };
         // Supersampled from 801, adapted from 901.

@@ -16,6 +16,7 @@ use luxel::{Error, RadianceLayers, Renderer, Scene};
 use luxel_core::Camera;
 use tokio::sync::oneshot;
 
+use crate::lens::LensWish;
 use crate::variant::Variant;
 
 /// Jobs that may wait.
@@ -35,6 +36,8 @@ pub(crate) struct Wanted {
     pub(crate) layers: bool,
     /// The scene, and how its splats are drawn.
     pub(crate) variant: Variant,
+    /// The lens; `None` for a pinhole.
+    pub(crate) lens: Option<LensWish>,
 }
 
 /// A finished render.
@@ -105,7 +108,8 @@ impl Job {
         match self {
             Self::Picture(job) => {
                 let [width, height] = job.wanted.camera.size_px;
-                (u64::from(width) * u64::from(height)).max(QUICK_PX).ilog2() / 2
+                let renders = job.wanted.lens.map_or(1, LensWish::renders);
+                (u64::from(width) * u64::from(height) * u64::from(renders)).max(QUICK_PX).ilog2() / 2
             }
             Self::Task(_) => u32::MAX,
         }
@@ -275,7 +279,8 @@ mod tests {
     use super::*;
 
     fn wanted(width: u32) -> Wanted {
-        Wanted { camera: luxel::synthetic::room_camera([width, 4]), edit: String::new(), layers: false, variant: Variant::default() }
+        let camera = luxel::synthetic::room_camera([width, 4]);
+        Wanted { camera, edit: String::new(), layers: false, variant: Variant::default(), lens: None }
     }
 
     fn widths(jobs: &Jobs) -> Vec<u32> {

@@ -183,6 +183,9 @@ impl Stage for LiveStage<'_, '_> {
         if !wanted.edit.is_empty() {
             return Err(Error::new("a scene that is being trained cannot be edited"));
         }
+        if wanted.lens.is_some() {
+            return Err(Error::new("a scene that is being trained is seen through a pinhole"));
+        }
         if wanted.variant != Variant::default() {
             return self.variant(wanted);
         }

@@ -10,6 +10,7 @@ use crate::answer::{Answer, Failure};
 use crate::frame::Planes;
 use crate::house::{House, beside, render, render_surely};
 use crate::jobs::{Rendered, Wanted};
+use crate::lens::LensWish;
 use crate::query::Query;
 use crate::stage::check_edits;
 use crate::variant::Variant;
@@ -45,7 +46,11 @@ pub(crate) fn wanted(house: &House, query: &mut Query) -> Result<Wanted, Failure
         }
     };
     camera.validate().map_err(|error| format!("camera: {error}"))?;
-    Ok(Wanted { camera, edit, layers: false, variant })
+    let lens = LensWish::take(query)?;
+    if lens.is_some() && (variant.solids.is_some() || !camera.projection.is_pinhole()) {
+        return Err(String::from("a lens needs blended splats and the projection of a pinhole").into());
+    }
+    Ok(Wanted { camera, edit, layers: false, variant, lens })
 }
 
 /// Returns a camera with the same field of view and another number of pixels.

@@ -12,7 +12,7 @@ use crate::answer::{Answer, Failure};
 use crate::house::House;
 use crate::query::Query;
 use crate::splats::{Precision, body_bytes};
-use crate::{assets, downloads, environment, lamps, paths, pictures, stills, thumbnail};
+use crate::{assets, display, downloads, environment, lamps, paths, pictures, stills, thumbnail};
 
 /// Answers a request.
 pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, mut query: Query, body: Bytes) -> Result<Answer, Failure> {
@@ -48,6 +48,7 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, mut 
         "/api/still.png" if is_get => stills::answer(house, &mut query).await,
         _ if path.starts_with("/api/environment") => environment::answer(house, method, path, &mut query).await,
         "/api/lamps" => lamps::answer(house, method, &mut query).await,
+        "/api/display" if is_get => display::answer(house),
         "/api/truth" if is_get => pictures::truth(house, &mut query).await,
         "/api/thumbnail" if is_get => thumbnail::answer(house, &mut query).await,
         _ => match (path.strip_prefix("/page/"), path.strip_prefix("/api/training/")) {

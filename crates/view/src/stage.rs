@@ -12,6 +12,7 @@ use luxel::{Error, Radiance, RadianceLayers, Renderer, Result, Scene};
 use luxel_core::edit::EditStack;
 
 use crate::jobs::{Job, Loaded, PictureJob, Rendered, Reply, Stage, Wanted};
+use crate::lens::LensWish;
 use crate::workshop::Workshop;
 
 /// The picture that was rendered last.
@@ -36,6 +37,7 @@ impl LastPicture {
             && last.camera == wanted.camera
             && last.edit == wanted.edit
             && last.variant == wanted.variant
+            && last.lens == wanted.lens
             && (last.layers || !wanted.layers)
             && rendered.version == version
         {
@@ -117,6 +119,19 @@ impl SceneStage {
         Ok(())
     }
 
+    /// Renders what the renderer has, through the lens if there is one.
+    fn radiance(&mut self, wanted: &Wanted) -> Result<Radiance> {
+        match wanted.lens {
+            Some(lens) => self.photograph(wanted, lens),
+            None => self.renderer.render(&wanted.camera),
+        }
+    }
+
+    fn photograph(&mut self, wanted: &Wanted, lens: LensWish) -> Result<Radiance> {
+        let photograph = lens.photograph(&wanted.camera, self.current.world_from_local.scale());
+        self.renderer.photograph_part(&photograph, lens.samples, lens.part)
+    }
+
     /// Draws the current scene's splats as bodies.
     fn solids(&self, wanted: &Wanted, options: SolidOptions) -> Result<RadianceLayers> {
         match wanted.variant.clip {
@@ -154,16 +169,20 @@ impl Stage for SceneStage {
         self.upload(wanted)?;
         if wanted.layers && self.has_layers {
             match self.renderer.render_layers(&wanted.camera) {
-                Ok(layers) => return Ok(layers),
+                // Coverage and depth through a lens are those of its middle.
+                Ok(layers) => match wanted.lens {
+                    Some(lens) => return Ok(RadianceLayers { radiance: self.photograph(wanted, lens)?, ..layers }),
+                    None => return Ok(layers),
+                },
                 // Either the engine has none, or the picture itself fails, which is found out now.
                 Err(_) => {
-                    let picture = without_layers(self.renderer.render(&wanted.camera)?);
+                    let picture = without_layers(self.radiance(wanted)?);
                     self.has_layers = false;
                     return Ok(picture);
                 }
             }
         }
-        Ok(without_layers(self.renderer.render(&wanted.camera)?))
+        Ok(without_layers(self.radiance(wanted)?))
     }
 
     fn loaded(&mut self, edit: &str) -> Result<Loaded<'_>> {

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
 
 use glam::{DMat3, DVec3};
+use luxel::display_lut::DisplayLut;
 use luxel::export::{Up, UpAxis, file_from_world};
 use luxel::probe::Surroundings;
 use luxel::run::RunCameras;
@@ -17,6 +18,7 @@ use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Image, Mask, OnDemand,
 use serde::Serialize;
 use serde_json::Value;
 
+use crate::display::{DisplayFacts, ShownDisplay};
 use crate::folder::Folder;
 
 /// Weights of linear Rec.709 in luminance (ITU-R BT.709).
@@ -37,6 +39,8 @@ pub struct Subject {
     pub(crate) folder: Option<Folder>,
     /// The same as the user named it.
     pub(crate) given_folder: PathBuf,
+    /// A display of OpenColorIO, if the page is to have one.
+    pub(crate) display: Option<ShownDisplay>,
     /// From each scene's local coordinates to the world; the first is that of the subject.
     world_from_local: Vec<Similarity>,
 }
@@ -77,6 +81,10 @@ pub(crate) struct Facts {
     pub(crate) up: [f64; 3],
     /// Luminance in cd/m2 of one unit of the data set; `None` where nothing tells.
     cd_m2_per_unit: Option<f64>,
+    /// Length of a world unit in metres; `None` where nothing tells.
+    metres_per_unit: Option<f64>,
+    /// A display of OpenColorIO.
+    display: Option<DisplayFacts>,
     /// From the coordinates that the splats are held in to the world, for a page that renders by
     /// itself.
     world_from_local: FrameJson,
@@ -148,6 +156,8 @@ impl Subject {
             radiance_scale: scene.radiance_scale.get(),
             up: (world_from_local.rotation() * (local_from_file * DVec3::Y)).to_array(),
             cd_m2_per_unit: None,
+            metres_per_unit: scene.metres_per_unit,
+            display: None,
             world_from_local: FrameJson {
                 rotation: world_from_local.rotation().transpose().to_cols_array_2d(),
                 scale: world_from_local.scale(),
@@ -170,6 +180,7 @@ impl Subject {
             surroundings,
             folder: None,
             given_folder: PathBuf::new(),
+            display: None,
             world_from_local: vec![world_from_local],
         })
     }
@@ -194,6 +205,14 @@ impl Subject {
     pub fn with_cd_m2_per_unit(mut self, cd_m2_per_unit: Option<f64>) -> Self {
         self.facts.cd_m2_per_unit = cd_m2_per_unit;
         self
+    }
+
+    /// Lets the page show the scene as a display of OpenColorIO does.
+    #[must_use]
+    pub fn with_display(mut self, lut: &DisplayLut) -> Self {
+        let shown = ShownDisplay::new(lut);
+        self.facts.display = Some(shown.facts.clone());
+        Self { display: Some(shown), ..self }
     }
 
     /// Adds a scene that is compared with `first`.

@@ -7,8 +7,9 @@ use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
+use luxel::photograph::{Aperture, Photograph, Sampling};
 use luxel::solids::{Shape, SolidOptions};
-use luxel::{Device, Edit, Renderer, Scene, synthetic};
+use luxel::{Device, Edit, RadianceLayers, Renderer, Scene, synthetic};
 use luxel_core::tone::srgb_encode;
 use luxel_core::{ColorSpace, RadianceScale, Similarity};
 use luxel_io::{ReadOptions, decode_image};
@@ -217,6 +218,40 @@ fn splats_are_drawn_as_bodies_and_between_clip_planes() {
     let near = nearest(&path_of_frame);
     assert!(nearest(&format!("{path_of_frame}&near={}", near * 1.5)) > near * 1.4);
     assert_eq!(viewer.get(&path).body, whole.body);
+}
+
+#[test]
+fn a_lens_shows_what_a_photograph_does() {
+    let viewer = Running::start("127.0.0.1:0");
+    let camera = viewer.dataset.train[0].camera.clone();
+    let address = format!("/api/frame.exr?view={}", viewer.dataset.train[0].name);
+    let mut renderer = Renderer::new(&viewer.scene, Device::Cpu).unwrap();
+    let aperture = Some(Aperture { diameter: 0.2, focus_distance: 2.0, blades: None });
+    let photograph = Photograph { camera: camera.clone(), aperture, motion: None };
+    let whole = viewer.get(&format!("{address}&aperture=0.2&focus=2&lens_samples=8"));
+    let (expected, _) = renderer.photograph(&photograph, Sampling { count: Some(8), set: 0 }).unwrap();
+    assert!(whole.status == 200 && whole.body == expected.encode_exr().unwrap());
+    let part = viewer.get(&format!("{address}&aperture=0.2&focus=2&lens_samples=8&lens_part=1&lens_parts=4"));
+    assert_eq!(part.body, renderer.photograph_part(&photograph, 8, [1, 4]).unwrap().encode_exr().unwrap());
+    assert!(part.body != whole.body);
+    // Coverage and depth are those of the middle of the lens.
+    let layers = viewer.get(&format!("{address}&aperture=0.2&focus=2&lens_samples=8&channels=rgb,alpha,depth"));
+    let plain = renderer.render_layers(&camera).unwrap();
+    assert_eq!(layers.body, RadianceLayers { radiance: expected, ..plain }.encode_exr(true, true).unwrap());
+    for (query, expected) in
+        [("&aperture=0.2", "is missing, expected the distance in focus"), ("&aperture=0.2&focus=2&splats=centres", "blended splats")]
+    {
+        let answer = viewer.get(&format!("{address}{query}"));
+        assert!(answer.status == 400 && answer.text().contains(expected), "{query}: {}", answer.text());
+    }
+}
+
+#[test]
+fn without_a_display_of_opencolorio_there_is_no_table() {
+    let viewer = Running::start("127.0.0.1:0");
+    assert!(viewer.json("/api/scene")["display"].is_null());
+    let answer = viewer.get("/api/display");
+    assert!(answer.status == 404 && answer.text().contains("no display of OpenColorIO"), "{}", answer.text());
 }
 
 #[test]

@@ -131,38 +131,6 @@ export default {
     await page.close();
   },
 
-  async "a ball placed by a click has the scene's light and a shadow, and goes again"() {
-    const page = await open(at);
-    await page.keyboard.press("u");
-    const box = await page.locator("#picture").boundingBox();
-    await page.mouse.click(box.x + box.width * 0.72, box.y + box.height * 0.7);
-    await page.waitForFunction(() => window.luxel.placed.ball?.light, null, { timeout: 120000 });
-    await page.waitForFunction(() => window.luxel.shown.full && window.luxel.shown.frame.depth, null, { timeout: 60000 });
-    assert.equal(await page.locator("#pins li").count(), 0);
-    const seen = () => page.evaluate(() => {
-      const { placed, shown } = window.luxel;
-      const plain = placed.plain.get(shown.frame);
-      let changed = 0;
-      for (let i = 0; plain && i < plain.length; i++) changed += plain[i] !== shown.frame.rgb[i] ? 1 : 0;
-      return { changed, bad: shown.frame.rgb.some((bits) => (bits & 0x7c00) === 0x7c00), lamps: placed.ball?.light?.lamps.length };
-    });
-    const grey = await seen();
-    assert.ok(grey.changed > 300 && !grey.bad, JSON.stringify(grey));
-    await page.waitForTimeout(300);
-    await shot(page, "grey-ball");
-    await page.selectOption("#object-kind", "chrome");
-    await page.waitForTimeout(300);
-    await shot(page, "chrome-ball");
-    const chrome = await seen();
-    assert.ok(chrome.changed > 300 && chrome.lamps === grey.lamps);
-    await page.evaluate(() => { document.getElementById("object-size").value = "-3"; document.getElementById("object-size").dispatchEvent(new Event("input")); });
-    assert.ok((await seen()).changed > chrome.changed, "a larger ball");
-    await page.click("#object-remove");
-    assert.ok(await page.locator("#object-row").isHidden());
-    assert.equal((await seen()).changed, 0);
-    await page.close();
-  },
-
   async "a large light probe shows how far it is, and is given up"() {
     const page = await open(at);
     await page.keyboard.press("o");

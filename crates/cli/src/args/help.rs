@@ -35,7 +35,7 @@ const SHORT: [ShortHelp; 21] = [
         options: &["output", "resume", "overwrite", "preset", "iterations", "time", "method", "max-splats", "downscale", "device", "quiet"],
         example: "luxel train my-images -o run\n  luxel train --resume -o run",
     },
-    ShortHelp { command: "view", options: &["with", "data", "listen", "no-browser", "device", "quiet"], example: "luxel view run" },
+    ShortHelp { command: "view", options: &["with", "data", "ocio", "listen", "no-browser", "device", "quiet"], example: "luxel view run" },
     ShortHelp {
         command: "eval",
         options: &[

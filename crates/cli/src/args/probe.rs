@@ -53,7 +53,7 @@ pub(crate) struct ProbeArgs {
     #[arg(long, help_heading = "Map")]
     pub(crate) alpha: bool,
     /// Also write a tone-mapped 8-bit preview beside the map, FILE.png, with this curve.
-    #[arg(long, value_enum, value_name = "CURVE", help_heading = "Map")]
+    #[arg(long, value_enum, value_name = "CURVE", conflicts_with = "ocio", help_heading = "Map")]
     pub(crate) tonemap: Option<TonemapArg>,
     #[command(flatten)]
     pub(crate) ocio_look: OcioLookArgs,

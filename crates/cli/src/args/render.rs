@@ -114,7 +114,7 @@ pub(crate) struct RenderArgs {
     #[command(flatten)]
     pub(crate) photograph: PhotographArgs,
     /// Also write a tone-mapped 8-bit preview VIEW.png with this curve.
-    #[arg(long, value_enum, value_name = "CURVE", help_heading = "Images")]
+    #[arg(long, value_enum, value_name = "CURVE", conflicts_with = "ocio", help_heading = "Images")]
     pub(crate) tonemap: Option<TonemapArg>,
     #[command(flatten)]
     pub(crate) ocio_look: OcioLookArgs,

@@ -6,10 +6,15 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::SceneDataArgs;
+use super::look::OcioLookArgs;
 
 /// `luxel view`.
 #[derive(Debug, Args)]
 #[command(
+    mut_arg("ocio", |arg| arg.help("Show the scene with a display of this OpenColorIO configuration: a file, or a built-in one such as \
+    ocio://cg-config-v4.0.0_aces-v2.0_ocio-v2.5. The page draws by a table of it, and still has its own curves").help_heading(None::<&str>)),
+    mut_arg("display", |arg| arg.help_heading(None::<&str>)),
+    mut_arg("view", |arg| arg.help_heading(None::<&str>)),
     mut_arg("data", |arg| arg.help("Data set whose cameras and images are shown beside the scene [default for a run: its own]")),
     after_help = "The page shows radiance: exposure, tone curve and false colour are chosen in the browser, and the value under the cursor is \
     in the units of the data set. Press ? on the page for its keys.\n\
@@ -28,6 +33,9 @@ pub(crate) struct ViewArgs {
     /// Print the address and open no browser.
     #[arg(long)]
     pub(crate) no_browser: bool,
+    /// The display that the page shows the scene with.
+    #[command(flatten)]
+    pub(crate) ocio_look: OcioLookArgs,
     /// The scene, its data set, the device and the terminal.
     #[command(flatten)]
     pub(crate) input: SceneDataArgs,

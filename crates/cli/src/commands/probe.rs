@@ -9,7 +9,7 @@ use luxel_core::environment::Light;
 use luxel_core::{Camera, Dataset, Scene};
 
 use crate::args::ProbeArgs;
-use crate::args::look::note_of_display;
+use crate::args::look::note_of_pictures;
 use crate::inputs::engine;
 use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::output::console::Console;
@@ -45,7 +45,7 @@ pub(crate) fn run(args: &ProbeArgs, explicit: &ExplicitArgs) -> Result<()> {
         console.warn("values exceed 65504, the largest half float, and are cut there; leave --exr-type half out");
     }
     if let Some((path, curve)) = preview {
-        note_of_display(&curve).into_iter().for_each(|note| console.note(&note));
+        note_of_pictures(&curve).into_iter().for_each(|note| console.note(&note));
         probe.save_preview(&path, &Look { curve, exposure_ev: args.exposure })?;
     }
     if probe.left_out > 0 {

@@ -25,7 +25,7 @@ use self::deep::DeepJob;
 use self::photograph::{PhotographJob, Photographer, photographs};
 pub(super) use self::shots::camera_file;
 use self::shots::{Shot, Shots};
-use crate::args::look::note_of_display;
+use crate::args::look::note_of_pictures;
 use crate::args::{DeviceArgs, EditText, RenderArgs, flag};
 use crate::inputs::engine;
 use crate::inputs::masks;
@@ -154,7 +154,7 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     if let Some(path) = &args.video {
         video::check(args, path, curve.as_ref())?;
     }
-    curve.as_ref().and_then(note_of_display).into_iter().for_each(|note| console.note(&note));
+    curve.as_ref().and_then(note_of_pictures).into_iter().for_each(|note| console.note(&note));
     let mut source = SceneSource::open_to_render(&args.input.scene, &console)?;
     let request = DataRequest::new(&args.input, explicit);
     let shots = shots::shots(args, request, &source, &console)?;

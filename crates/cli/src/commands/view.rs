@@ -4,13 +4,16 @@ use std::net::SocketAddr;
 use std::path::Path;
 
 use anyhow::Result;
+use luxel::display_lut::DisplayLut;
 use luxel::prepare::cd_m2_per_unit;
 use luxel::run::ExplicitArgs;
 use luxel::{Device, Renderer, Scene};
-use luxel_core::Dataset;
+use luxel_core::{ColorSpace, Dataset};
+use luxel_io::OcioDisplay;
 use luxel_view::{Live, Other, Subject, Viewer};
 use serde_json::json;
 
+use crate::args::look::note_of_page;
 use crate::args::{DeviceArgs, ViewArgs};
 use crate::inputs::engine;
 use crate::inputs::scene_source::{DataRequest, SceneSource};
@@ -21,6 +24,10 @@ use crate::output::console::Console;
 pub(crate) fn run(args: &ViewArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(args.input.console.log_format, args.input.console.quiet);
     let viewer = Viewer::bind(args.listen)?;
+    let display = args.ocio_look.open()?;
+    if let Some(note) = display.as_ref().and_then(note_of_page) {
+        console.note(&note);
+    }
     let source = SceneSource::open(&args.input.scene, &console)?;
     let dataset = dataset(args, explicit, &source, &console)?;
     let cd_m2_per_unit = source.cd_m2_per_unit(DataRequest::new(&args.input, explicit));
@@ -31,10 +38,16 @@ pub(crate) fn run(args: &ViewArgs, explicit: &ExplicitArgs) -> Result<()> {
     renderer.set_background(background);
     let subject =
         Subject::new(name(&args.input.scene), &scene, dataset.as_ref())?.saving_to(folder(&args.input.scene))?.opened_as(&args.input.scene);
-    let subject = subject.with_cd_m2_per_unit(cd_m2_per_unit);
+    let subject = with_display(subject.with_cd_m2_per_unit(cd_m2_per_unit), display.as_ref(), scene.color_space)?;
     drop(dataset);
     announce(&viewer, !args.no_browser, &console)?;
     Ok(viewer.serve_beside(subject, scene, renderer, other.into_iter().collect(), interrupt::stop())?)
+}
+
+/// Gives the page the table of a display, if there is one.
+fn with_display(subject: Subject, display: Option<&OcioDisplay>, color_space: ColorSpace) -> Result<Subject> {
+    let Some(display) = display else { return Ok(subject) };
+    Ok(subject.with_display(&DisplayLut::bake(display, color_space)?))
 }
 
 /// Opens the scene that is compared with, in an engine of its own.

@@ -157,15 +157,7 @@ impl Photograph {
         self.check()?;
         memory::check_render(self.camera.size_px, options.raster.samples)?;
         let blades = self.aperture.and_then(|aperture| aperture.blades);
-        let mut mean_of = |count: u32| -> Result<Taken> {
-            let mut halves = [Sum::default(), Sum::default()];
-            for (i, sample) in lens_samples(count, blades, sampling.set).enumerate() {
-                let camera = self.camera_of(sample);
-                camera.validate().map_err(|error| crate::Error::new(format!("a sample of the aperture: {error}")))?;
-                halves[i % 2].add(render(engine, &camera, options, alpha)?);
-            }
-            Ok(taken(halves, self.camera.size_px))
-        };
+        let mut mean_of = |count: u32| self.mean(lens_samples(count, blades, sampling.set), engine, options, alpha);
         match sampling.count {
             _ if self.is_sharp() => {
                 let Frame { image, alpha } = render(engine, &self.camera, options, alpha)?;
@@ -185,6 +177,42 @@ impl Photograph {
                 mean_of(needed.next_power_of_two().min(MOST_SAMPLES))
             }
         }
+    }
+}
+
+impl Photograph {
+    /// Renders a part of the samples, in normalised units: those of `count` whose index leaves the
+    /// rest `part[0]` when it is divided by `part[1]`. The mean of all parts, by their numbers of
+    /// samples, is the photograph of `count` samples.
+    ///
+    /// # Errors
+    /// Those of [`Self::take`]; a part without samples.
+    pub fn take_part(&self, engine: &mut dyn Engine, options: &RenderOptions, count: u32, part: [u32; 2]) -> Result<Image> {
+        self.check()?;
+        memory::check_render(self.camera.size_px, options.raster.samples)?;
+        let [first, parts] = part;
+        ensure!(SAMPLE_COUNTS.contains(&count), "{count} samples, expected {} to {}", SAMPLE_COUNTS.start(), SAMPLE_COUNTS.end());
+        ensure!(first < parts && first < count, "part {first} of {parts} of {count} samples has none");
+        let blades = self.aperture.and_then(|aperture| aperture.blades);
+        let samples = lens_samples(count, blades, 0).skip(first as usize).step_by(parts as usize);
+        Ok(self.mean(samples, engine, options, false)?.image)
+    }
+
+    /// Returns the mean of the renders of these samples.
+    fn mean(
+        &self,
+        samples: impl Iterator<Item = LensSample>,
+        engine: &mut dyn Engine,
+        options: &RenderOptions,
+        alpha: bool,
+    ) -> Result<Taken> {
+        let mut halves = [Sum::default(), Sum::default()];
+        for (i, sample) in samples.enumerate() {
+            let camera = self.camera_of(sample);
+            camera.validate().map_err(|error| crate::Error::new(format!("a sample of the aperture: {error}")))?;
+            halves[i % 2].add(render(engine, &camera, options, alpha)?);
+        }
+        Ok(taken(halves, self.camera.size_px))
     }
 }
 

@@ -108,3 +108,26 @@ fn what_is_no_lens_or_shutter_is_refused_with_a_reason() {
     let panorama = Camera::panorama(camera.camera_from_world, 64);
     assert!(refused(&panorama, lens(0.1, 1.0), None).contains("no plane of focus"));
 }
+
+#[test]
+fn the_mean_of_all_parts_is_the_photograph() {
+    let scene = room(200, 1);
+    let mut engine = engine(&scene.splats);
+    let options = scene.render_options();
+    let photograph = Photograph { camera: room_camera([16, 12]), aperture: lens(0.3, 2.0), motion: None };
+    let whole = photograph.take(&mut engine, &options, Sampling { count: Some(12), set: 0 }, false).unwrap().image;
+    assert_eq!(photograph.take_part(&mut engine, &options, 12, [0, 1]).unwrap(), whole);
+    let mut mean = vec![0.0f32; whole.pixels.as_flattened().len()];
+    for part in 0..4 {
+        let image = photograph.take_part(&mut engine, &options, 12, [part, 4]).unwrap();
+        assert_ne!(image, whole);
+        mean.iter_mut().zip(image.pixels.as_flattened()).for_each(|(mean, value)| *mean += 0.25 * value);
+    }
+    // Sums in another order differ by a few roundings.
+    for (mean, value) in mean.iter().zip(whole.pixels.as_flattened()) {
+        assert!((mean - value).abs() <= 1e-5 * value.abs().max(1e-3), "{mean} for {value}");
+    }
+    for part in [[4, 4], [12, 20], [0, 0]] {
+        assert!(photograph.take_part(&mut engine, &options, 12, part).unwrap_err().to_string().contains("has none"));
+    }
+}

@@ -17,6 +17,8 @@ const IDENTITY = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
 
 /** @type {readonly Unit[]} */
 const UNITS = ["picture", "truth", "truthMask", "depthMap", "alphaMap", "stopColors", "differenceColors"];
+/** The unit of the table of a display, which has three dimensions. */
+const TABLE_UNIT = UNITS.length;
 
 export class Display {
   /** @type {Frame | null} */ picture = null;
@@ -26,6 +28,7 @@ export class Display {
   /** Factor from the data set's luminance to the unit that is shown, and the lowest band of false colour in it. */ values = { factor: 1, lowestBand: -8 };
   /** Lens of the depth that is there. @type {import("./lens.js").Lens | null} */ lens = null;
   /** Rows of the matrix from the other picture's colour space. */ firstFromOther = IDENTITY;
+  /** The table of a display that was uploaded last. @type {Uint16Array | null} */ table = null;
   /** Weights of the other picture's pixels, half floats. @type {Uint16Array | null} */ truthMask = null;
 
   /** @param {HTMLCanvasElement} canvas */
@@ -52,6 +55,7 @@ export class Display {
   build() {
     const { gl } = this;
     this.programs.clear();
+    this.table = null;
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     for (const unit of UNITS) {
       const texture = gl.createTexture();
@@ -93,6 +97,7 @@ export class Display {
       places[name] = gl.getUniformLocation(program, name);
     }
     UNITS.forEach((unit, i) => places[unit] && gl.uniform1i(places[unit], i));
+    if (places.table) gl.uniform1i(places.table, TABLE_UNIT);
     this.programs.set(key, { program, places });
     return { program, places };
   }
@@ -129,6 +134,17 @@ export class Display {
       this.bind("alphaMap");
       gl.texImage2D(gl.TEXTURE_2D, 0, gl.R16F, width, height, 0, gl.RED, gl.HALF_FLOAT, frame.alpha);
     }
+  }
+
+  /** Uploads the table of the scene's display. @param {import("./scene.js").DisplayTable} display */
+  uploadTable({ side, values }) {
+    if (!values || values === this.table) return;
+    const { gl } = this;
+    gl.activeTexture(gl.TEXTURE0 + TABLE_UNIT);
+    gl.bindTexture(gl.TEXTURE_3D, (this.textures.table ??= gl.createTexture()));
+    for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_3D, filter, gl.NEAREST);
+    gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGB16F, side, side, side, 0, gl.RGB, gl.HALF_FLOAT, values);
+    this.table = values;
   }
 
   /** Takes the ground truth, or a picture of another scene, to compare with. @param {Frame | null} frame @param {{ full?: boolean, firstFromOther?: number[][], mask?: Uint16Array | null }} [how] */
@@ -170,7 +186,10 @@ export class Display {
       gl.clear(gl.COLOR_BUFFER_BIT);
       return;
     }
-    const choice = { curve: CURVES.indexOf(state.curve), layer: LAYERS.indexOf(state.layer), compare: truth ? COMPARES.indexOf(state.compare) : 0, zebra: state.zebra, absolute: state.scale === "luminance", error: ERRORS.indexOf(state.error), projection: state.layer === "normals" && this.lens ? this.lens.projection.kind : "pinhole" };
+    if (state.curve === "ocio" && scene.display) this.uploadTable(scene.display);
+    // Until the table is there.
+    const curve = state.curve === "ocio" && !this.table ? "agx" : state.curve;
+    const choice = { curve: CURVES.indexOf(curve), layer: LAYERS.indexOf(state.layer), compare: truth ? COMPARES.indexOf(state.compare) : 0, zebra: state.zebra, absolute: state.scale === "luminance", error: ERRORS.indexOf(state.error), projection: state.layer === "normals" && this.lens ? this.lens.projection.kind : "pinhole" };
     const { program, places: u } = this.program(choice);
     gl.useProgram(program);
     // Rows to columns.
@@ -180,6 +199,7 @@ export class Display {
     gl.uniform1f(u.pictureScale, picture.head.scale);
     gl.uniform1f(u.truthScale, truth ? truth.head.scale : 1);
     gl.uniform1f(u.gain, 2 ** state.exposure / scene.radiance_scale);
+    if (u.tableRange) gl.uniform2fv(u.tableRange, scene.display?.range_log2 ?? [0, 1]);
     gl.uniform1f(u.wipe, state.wipe);
     gl.uniform1i(u.showTruth, showTruth ? 1 : 0);
     this.setValues(u, state, scene);

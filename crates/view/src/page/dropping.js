@@ -1,4 +1,4 @@
-/** Files that are dropped on the page: camera paths and edits. */
+/** Files that are dropped on the page: camera paths, edits and objects. */
 
 /** @typedef {import("./viewer.js").Viewer} Viewer */
 
@@ -13,6 +13,6 @@ export function openDropped(viewer, openers) {
     event.preventDefault();
     const open = openers[file.name.split(".").at(-1)?.toLowerCase() ?? ""];
     if (open) void open(file);
-    else viewer.messages.notice(`${file.name}: expected a camera path (.json) or edits (.edits)`);
+    else viewer.messages.notice(`${file.name}: expected a camera path (.json), edits (.edits) or an object (.glb)`);
   });
 }

@@ -57,7 +57,8 @@ export class HdrScreen {
     const isElsewhere = comparison?.isOn() && (state.compare === "difference" || state.compare === "beside" || comparison.kind() !== "truth");
     const isPicture = state.layer === "radiance" && !isElsewhere;
     // Colours of a display end at white.
-    return this.range.matches && state.hdr && isPicture && this.viewer.shown !== null && !this.viewer.scene?.is_display;
+    const isDisplay = this.viewer.scene?.is_display || state.curve === "ocio";
+    return this.range.matches && state.hdr && isPicture && this.viewer.shown !== null && !isDisplay;
   }
 
   async start() {

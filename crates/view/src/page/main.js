@@ -1,5 +1,6 @@
 /** Starts the viewer: its core, and the parts that make it up. */
 
+import { AperturePanel } from "./aperture.js";
 import { Comparison } from "./comparison.js";
 import { openDropped } from "./dropping.js";
 import { Edits, SavedEdits } from "./edits.js";
@@ -11,10 +12,11 @@ import { Handles } from "./handles.js";
 import { HdrScreen } from "./hdr.js";
 import { Lights } from "./lights.js";
 import { byId, ControlPanel } from "./panel.js";
+import { Placed } from "./object/placed.js";
+import { OcioCurve } from "./ocio.js";
 import { Optics } from "./optics.js";
 import { PathPanel } from "./path.js";
 import { Picking } from "./picking.js";
-import { Placed } from "./placed.js";
 import { Poster, showPoster } from "./poster.js";
 import { Probes } from "./probes.js";
 import { Radiometry } from "./radiometry.js";
@@ -46,9 +48,12 @@ try {
   if (sources) {
     const path = new PathPanel(viewer);
     viewer.parts.push(new RenderingPanel(viewer, sources), viewer.path = path);
-    openDropped(viewer, { json: (file) => path.open(file), edits: (file) => saved.read(file) });
+    const placed = (viewer.placed = new Placed(viewer));
+    openDropped(viewer, { json: (file) => path.open(file), edits: (file) => saved.read(file), glb: (file) => placed.open(file) });
     // Before the pins, which use clicks, too.
-    viewer.parts.unshift(viewer.environment = new EnvironmentPanel(viewer), viewer.placed = new Placed(viewer));
+    viewer.parts.unshift(viewer.environment = new EnvironmentPanel(viewer), placed, new OcioCurve(viewer));
+    // Before the object, which it adds samples behind.
+    viewer.parts.unshift((viewer.aperture = new AperturePanel(viewer)));
   }
   // For scripts in the console of the browser, and tests.
   Object.assign(window, { luxel: viewer, edits });

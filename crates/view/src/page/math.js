@@ -14,7 +14,7 @@ export const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 /** @param {Vec3} a @param {Vec3} b @returns {Vec3} */
 export const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 /** @param {Vec3} a */
-export const length = (a) => Math.hypot(a[0], a[1], a[2]);
+export const length = (a) => Math.sqrt(dot(a, a));
 /** Unit vector; the first axis in place of one without direction. @param {Vec3} a @returns {Vec3} */
 export const unit = (a) => {
   const l = length(a);

@@ -6,11 +6,15 @@ import { Embedded } from "./embedded.js";
 import { encodeExr } from "./exr.js";
 import { address } from "./server.js";
 import { toHash } from "./state.js";
+import { sampled } from "./variant.js";
 
 /** @typedef {import("./viewer.js").Viewer} Viewer */
 
 /** Pixels of a still, as the server limits pictures. */
 const MAX_PIXELS = 2 ** 25;
+
+/** Samples of the lens of a still. */
+const STILL_SAMPLES = 128;
 
 /** Has the browser save a file. @param {string} url @param {string} name */
 export function download(url, name) {
@@ -48,7 +52,7 @@ export class Saving {
     const { width, height } = this.size();
     const isFine = width * height <= MAX_PIXELS;
     byId("save-text").textContent = isFine ? "" : `${width} x ${height} pixels, expected at most ${MAX_PIXELS.toLocaleString("en")} in all`;
-    return isFine ? { lens: viewer.lens(width, height), edit: viewer.want().edit, variant: viewer.want().variant } : null;
+    return isFine ? { lens: viewer.lens(width, height), edit: viewer.want().edit, variant: sampled(viewer.want().variant, { samples: STILL_SAMPLES, part: [0, 1] }) } : null;
   }
 
   async exr() {

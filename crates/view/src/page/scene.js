@@ -14,10 +14,11 @@ import { checked } from "./server.js";
 /**
  * @typedef {{ name: string, path: string, splats: number, bounds: [Vec3, Vec3], inner_bounds: [Vec3, Vec3], color_space: string, is_display: boolean,
  *   rec709_from_scene: number[][], luminance_weights: Vec3, radiance_scale: number, up: Vec3, edits: string[],
- *   cd_m2_per_unit: number | null, world_from_local: Frame3, others: OtherScene[],
+ *   cd_m2_per_unit: number | null, world_from_local: Frame3, others: OtherScene[], metres_per_unit?: number | null, display?: DisplayTable | null,
  *   version: number, cameras_version: number, training: Training | null, download_bytes: number | null, lights: number, cameras: ViewCamera[], luxel_version: string }} Scene
  */
 /** From the coordinates of the splats to the world: turned by the rows of `rotation`, multiplied, moved. @typedef {{ rotation: number[][], scale: number, translation: Vec3 }} Frame3 */
+/** A display of OpenColorIO: code values as half floats, once they are there, at `side`^3 radiances whose logarithm is even in the range. @typedef {{ display: string, view: string, side: number, range_log2: [number, number], values?: Uint16Array }} DisplayTable */
 /** A scene that is compared with. @typedef {{ name: string, splats: number, color_space: string, first_from_scene: number[][], luminance_weights: Vec3, radiance_scale: number }} OtherScene */
 /** @typedef {{ width: number, height: number, scale: number, rgb: boolean, alpha: boolean, depth: boolean, version: number, seconds: number }} Head */
 /**

@@ -16,6 +16,27 @@ void main() {
   gl_Position = vec4(corner * 2.0 - 1.0, 0.0, 1.0);
 }`;
 
+/** Index of the curve that is a table. */
+const TABLE = 5;
+/** A display of OpenColorIO, interpolated in tetrahedra as `luxel::display_lut` does. */
+const TABLE_SHADER = `
+precision highp sampler3D;
+uniform sampler3D table;
+uniform vec2 tableRange;
+vec3 byTable(vec3 v) {
+  float last = float(textureSize(table, 0).x - 1);
+  vec3 at = clamp(last * (log2(max(v, 1.1754944e-38)) - tableRange.x) / (tableRange.y - tableRange.x), 0.0, last);
+  vec3 cell = min(floor(at), last - 1.0);
+  vec3 w = at - cell;
+  const ivec3 X = ivec3(1, 0, 0), Y = ivec3(0, 1, 0), Z = ivec3(0, 0, 1);
+  ivec3 most = w.x >= w.y ? (w.x >= w.z ? X : Z) : (w.y >= w.z ? Y : Z);
+  ivec3 least = w.x < w.y ? (w.x < w.z ? X : Z) : (w.y < w.z ? Y : Z);
+  float high = max(w.x, max(w.y, w.z)), low = min(w.x, min(w.y, w.z)), middle = w.x + w.y + w.z - high - low;
+  ivec3 c = ivec3(cell);
+  return (1.0 - high) * texelFetch(table, c, 0).rgb + (high - middle) * texelFetch(table, c + most, 0).rgb
+    + (middle - low) * texelFetch(table, c + 1 - least, 0).rgb + low * texelFetch(table, c + 1, 0).rgb;
+}`;
+
 /** The source for a choice. @param {Choice} choice */
 export const fragment = ({ curve, layer, compare, zebra, absolute, error, projection }) => `#version 300 es
 precision highp float;
@@ -71,7 +92,9 @@ vec3 agx(vec3 v) {
   vec3 y = -0.00232 + x * (0.1191 + x * (0.4298 + x * (-6.868 + x * (31.96 + x * (-40.14 + x * 15.5)))));
   return AGX_OUT * y;
 }
+${curve === TABLE ? TABLE_SHADER : ""}
 vec3 display(vec3 radiance) {
+${curve === TABLE ? "  return byTable(radiance * gain);" : ""}
   vec3 v = clamp(rec709 * radiance * gain, 0.0, 1e9);
   if (curve == 1) return log(1.0 + 5000.0 * v) / log(5001.0);
   if (curve == 2) return srgb(v / (1.0 + dot(v, vec3(0.2126, 0.7152, 0.0722))));

@@ -9,13 +9,13 @@ import { SPLATS } from "./variant.js";
 /** @typedef {import("./math.js").Vec3} Vec3 */
 /** @typedef {import("./math.js").Axes} Axes */
 /** @typedef {"orbit" | "fly" | "walk"} Mode */
-/** @typedef {"none" | "mulaw" | "reinhard" | "aces" | "agx"} Curve */
+/** @typedef {"none" | "mulaw" | "reinhard" | "aces" | "agx" | "ocio"} Curve */
 /** @typedef {"radiance" | "stops" | "depth" | "alpha" | "normals"} Layer */
 /** @typedef {"off" | "wipe" | "difference" | "flicker" | "beside"} Compare */
 /** @typedef {"stops" | "luminance"} Scale */
 
-/** Tone curves, as the program has them. @type {readonly Curve[]} */
-export const CURVES = ["none", "mulaw", "reinhard", "aces", "agx"];
+/** Tone curves, as the program has them, and the display of OpenColorIO that it was started with. @type {readonly Curve[]} */
+export const CURVES = ["none", "mulaw", "reinhard", "aces", "agx", "ocio"];
 /** @type {readonly Layer[]} */
 export const LAYERS = ["radiance", "stops", "depth", "alpha", "normals"];
 /** @type {readonly Compare[]} */
@@ -58,6 +58,9 @@ export class State {
   /** Opacity below which ellipsoids and centres are left out. */ splatOpacity = 0.1;
   /** Clip planes, world units; 0 for none. */ near = 0;
   far = 0;
+  /** F-number of the lens, or the diameter of its aperture in world units; 0 for none. */ fStop = 0;
+  aperture = 0;
+  /** Distance in focus, world units; 0 where none was chosen. */ focus = 0;
   /** Direction that is up, as three numbers; "" for that of the data set. */ upAxis = "";
   showCameras = false;
   /** Length of a world unit in metres; 0 where unknown. */ metres = 0;
@@ -95,6 +98,9 @@ const FIELDS = [
   ["splatOpacity", "opacity", "number"],
   ["near", "near", "number"],
   ["far", "far", "number"],
+  ["fStop", "fstop", "number"],
+  ["aperture", "aperture", "number"],
+  ["focus", "focus", "number"],
   ["upAxis", "upaxis", "text"],
   ["showCameras", "cameras", "flag"],
   ["metres", "metres", "number"],
@@ -144,6 +150,7 @@ export function applyHash(state, hash) {
   state.splatSize = Math.min(Math.max(state.splatSize, state.splats === "centres" ? 0.5 : 0.01), 10);
   state.splatOpacity = Math.min(Math.max(state.splatOpacity, 0), 1);
   state.eyes = Math.max(state.eyes, 0);
+  for (const field of /** @type {const} */ (["fStop", "aperture", "focus"])) state[field] = Math.max(state[field], 0);
   state.near = Math.max(state.near, 0);
   state.far = state.far > state.near ? state.far : 0;
   const vector = (/** @type {string} */ name) => {

@@ -4,6 +4,7 @@
  */
 
 import { clamp } from "./math.js";
+import { sampled, sharp } from "./variant.js";
 
 /** @typedef {import("./lens.js").Lens} Lens */
 /** @typedef {import("./scene.js").Frame} Frame */
@@ -13,6 +14,8 @@ import { clamp } from "./math.js";
 
 /** Time from asking to a picture that is aimed at while moving, ms. */
 const TARGET_MS = 45;
+/** Samples of a lens while moving. */
+const MOVING_SAMPLES = 4;
 /** Time without movement after which the full picture is asked for, ms. */
 const REST_MS = 30;
 /** Requests on their way while moving: one is rendered while another travels. */
@@ -110,7 +113,8 @@ export class Stream {
     const lens = want.lens(width, height);
     const start = performance.now();
     try {
-      const frame = await this.source.frame(lens, { edit: want.edit, variant: want.variant, radiance: true, layers: want.layers }, signal);
+      const variant = sampled(want.variant, { samples: MOVING_SAMPLES, part: [0, 1] });
+      const frame = await this.source.frame(lens, { edit: want.edit, variant, radiance: true, layers: want.layers }, signal);
       const latency = performance.now() - start;
       this.failures = 0;
       this.onState(null);
@@ -160,7 +164,7 @@ export class Stream {
       this.shownSequence = sequence;
       this.shown({ frame, lens, full: true, latency: this.fullLatency });
       // Coverage and depth may follow: the eye does not miss them.
-      const layers = apart ? await this.source.frame(lens, { edit: want.edit, variant: want.variant, radiance: false, layers: true }, abort.signal) : null;
+      const layers = apart ? await this.source.frame(lens, { edit: want.edit, variant: sharp(want.variant), radiance: false, layers: true }, abort.signal) : null;
       if (layers && this.full === abort && layers.head.version === frame.head.version) {
         Object.assign(frame, { alpha: layers.alpha, depth: layers.depth });
         this.shown({ frame, lens, full: true, latency: this.fullLatency });

@@ -50,7 +50,8 @@ export class Viewer {
   /** @type {import("./probes.js").Probes | null} */ probes = null;
   /** @type {import("./radiometry.js").Radiometry | null} */ radiometry = null;
   /** @type {import("./environment.js").EnvironmentPanel | null} */ environment = null;
-  /** @type {import("./placed.js").Placed | null} */ placed = null;
+  /** @type {import("./object/placed.js").Placed | null} */ placed = null;
+  /** @type {import("./aperture.js").AperturePanel | null} */ aperture = null;
   /** @type {import("./path.js").PathPanel | null} */ path = null;
   /** @type {import("./saving.js").Saving | null} */ saving = null;
   /** @type {import("./training.js").TrainingPanel | null} */ training = null;
@@ -174,7 +175,7 @@ export class Viewer {
     this.controls.size = Math.max(sizeOf(scene), 1e-6);
     this.controls.up = this.up();
     if (!isAgain) {
-      this.state.usualCurve = this.state.curve = scene.is_display ? "none" : "agx";
+      this.state.usualCurve = this.state.curve = scene.display ? "ocio" : scene.is_display ? "none" : "agx";
       if (!this.readAddress()) this.home();
       else if (this.state.view) this.standAt(this.state.view);
     }
@@ -188,6 +189,7 @@ export class Viewer {
   readAddress() {
     const hasCamera = applyHash(this.state, location.hash);
     if (!this.source.hasLenses) this.state.projection = "pinhole";
+    if (this.state.curve === "ocio" && !this.scene?.display) this.state.curve = this.state.usualCurve;
     return hasCamera;
   }
 
@@ -201,7 +203,7 @@ export class Viewer {
   /** How splats are drawn now. @returns {import("./variant.js").Variant} */
   variant() {
     const { splats, splatSize, splatOpacity, near, far } = this.state;
-    return { scene: 0, splats, size: splatSize, opacity: splatOpacity, near, far };
+    return { scene: 0, splats, size: splatSize, opacity: splatOpacity, near, far, ...this.aperture?.chosen() };
   }
 
   /** @param {number} splats */
@@ -225,7 +227,7 @@ export class Viewer {
 
   /** Goes on to the next choice. @param {"curve" | "layer" | "compare" | "mode"} field */
   cycle(field) {
-    if (field === "curve") this.set({ curve: next(CURVES, this.state.curve) });
+    if (field === "curve") this.set({ curve: next(CURVES.filter((curve) => curve !== "ocio" || this.scene?.display), this.state.curve) });
     else if (field === "layer") this.set({ layer: next(LAYERS, this.state.layer) });
     else if (field === "mode") this.set({ mode: next(MODES, this.state.mode) });
     else this.set({ compare: next(COMPARES, this.state.compare) });

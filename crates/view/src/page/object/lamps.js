@@ -1,9 +1,10 @@
 /** The light on an object: lamps at their places, and all other light as a map of directions. */
 
-import { add, cross, dot, length, sub, times, unit } from "./math.js";
+import { add, cross, dot, length, sub, times, unit } from "../math.js";
 
-/** @typedef {import("./math.js").Vec3} Vec3 */
+/** @typedef {import("../math.js").Vec3} Vec3 */
 /** A lamp of `luxel lights`: world units, radiance in the units of the data set. @typedef {{ shape: "sphere" | "disk" | "rectangle", middle: Vec3, normal?: Vec3, radius?: number, size?: [number, number], along?: Vec3, radiance: Vec3, intensity: Vec3, power: Vec3 }} Lamp */
+/** The light at a point: lamps, and all else as a map and as the irradiance that comes from it. @typedef {{ lamps: Lamp[], map: LightMap, fromMap: (normal: Vec3) => Vec3 }} Light */
 /** A map of directions, OpenEXR's latitude and longitude; rows of the turn from the world to its axes. @typedef {{ width: number, height: number, rgb: number[], map_from_world: number[][] }} LightMap */
 
 /** Factors of the bands of harmonics by which radiance becomes irradiance (Ramamoorthi and Hanrahan 2001). */
@@ -74,8 +75,11 @@ export function lampAlong(lamps, point, direction) {
   return null;
 }
 
+/** Part of a turn by which points are spread evenly: the golden section. */
+export const GOLDEN = (Math.sqrt(5) - 1) / 2;
+
 /** Radius of the ball around a lamp. @param {Lamp} lamp */
-const reach = (lamp) => lamp.radius ?? Math.hypot(...(lamp.size ?? [0, 0])) / 2;
+export const reach = (lamp) => lamp.radius ?? Math.hypot(...(lamp.size ?? [0, 0])) / 2;
 
 /** The part of a lamp that a point sees past a ball, by the angles of both. @param {Lamp} lamp @param {Vec3} point @param {Vec3} center @param {number} radius */
 export function visibility(lamp, point, center, radius) {
@@ -88,30 +92,37 @@ export function visibility(lamp, point, center, radius) {
   return 1 - hidden * Math.min(1, (ball / Math.max(light, 1e-9)) ** 2);
 }
 
-/** The factor that a ball has on the light of a matt surface: its shadow. @param {{ lamps: readonly Lamp[], fromMap: (normal: Vec3) => Vec3 }} light @param {Vec3} point @param {Vec3} normal @param {Vec3} center @param {number} radius @returns {Vec3} */
-export function shadow(light, point, normal, center, radius) {
-  const way = sub(center, point);
-  const away = Math.max(length(way), radius);
-  // The part of the sky that the ball covers, weighted by the cosine.
-  const covered = Math.min(1, (radius / away) ** 2 * Math.max(0, dot(times(way, 1 / away), normal)));
-  const sky = light.fromMap(normal);
-  let [lit, all] = [times(sky, 1 - covered), sky];
-  for (const lamp of light.lamps) {
-    const part = irradianceFrom(lamp, point, normal);
-    [lit, all] = [add(lit, times(part, visibility(lamp, point, center, radius))), add(all, part)];
-  }
-  return /** @type {Vec3} */ ([0, 1, 2].map((c) => (all[c] > 0 ? lit[c] / all[c] : 1)));
+/** The first points of a rectangle, parts of its sides. */
+const CORNERS = [[-0.45, -0.45], [0.45, 0.45], [0.45, -0.45], [-0.45, 0.45]];
+
+/** Points spread over a lamp, as it is seen from `eye`, those at its edge first. @param {Lamp} lamp @param {Vec3} eye @param {number} count @returns {Vec3[]} */
+export function spread(lamp, eye, count) {
+  const { side, other } = acrossOf(lamp, eye);
+  return Array.from({ length: count }, (_, i) => {
+    const part = 1 - (i + 0.5) / count;
+    if (lamp.size) {
+      const [a, b] = i < CORNERS.length ? CORNERS[i] : [part - 0.5, ((i * GOLDEN + 0.5) % 1) - 0.5];
+      return add(lamp.middle, add(times(side, a * lamp.size[0]), times(other, b * lamp.size[1])));
+    }
+    const [from, angle] = [Math.sqrt(part) * (lamp.radius ?? 0), 2 * Math.PI * GOLDEN * i];
+    return add(lamp.middle, times(add(times(side, Math.cos(angle)), times(other, Math.sin(angle))), from));
+  });
+}
+
+/** Two directions across a lamp, as it is seen from `eye`. @param {Lamp} lamp @param {Vec3} eye */
+function acrossOf(lamp, eye) {
+  const axis = lamp.normal ?? unit(sub(eye, lamp.middle));
+  const side = lamp.along ?? unit(cross(axis, Math.abs(axis[0]) < 0.9 ? [1, 0, 0] : [0, 1, 0]));
+  return { side, other: cross(axis, side) };
 }
 
 /** Points around a lamp's edge, as it is seen from `eye`. @param {Lamp} lamp @param {Vec3} eye @param {number} count @returns {Vec3[]} */
 export function outline(lamp, eye, count) {
-  if (lamp.size && lamp.along && lamp.normal) {
-    const [along, across] = [times(lamp.along, lamp.size[0] / 2), times(cross(lamp.normal, lamp.along), lamp.size[1] / 2)];
+  const { side, other } = acrossOf(lamp, eye);
+  if (lamp.size) {
+    const [along, across] = [times(side, lamp.size[0] / 2), times(other, lamp.size[1] / 2)];
     return [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([a, b]) => add(lamp.middle, add(times(along, a), times(across, b))));
   }
-  const axis = lamp.normal ?? unit(sub(eye, lamp.middle));
-  const side = unit(cross(axis, Math.abs(axis[0]) < 0.9 ? [1, 0, 0] : [0, 1, 0]));
-  const other = cross(axis, side);
   const angle = (/** @type {number} */ i) => (2 * Math.PI * i) / count;
   return Array.from({ length: count }, (_, i) => add(lamp.middle, times(add(times(side, Math.cos(angle(i))), times(other, Math.sin(angle(i)))), lamp.radius ?? 0)));
 }

@@ -1,0 +1,47 @@
+//! The table of a display of OpenColorIO, which the page's shader draws with.
+//!
+//! `GET /api/display` answers with `[side*side*side]` code values, R, G and B as little-endian half
+//! floats, R fastest; `/api/scene` has its side, its range and the names of display and view.
+
+use bytes::Bytes;
+use half::f16;
+use hyper::StatusCode;
+use luxel::display_lut::{DisplayLut, HIGH_LOG2, LOW_LOG2, SIDE};
+use serde::Serialize;
+
+use crate::answer::{Answer, Failure};
+use crate::house::House;
+
+/// A table for the page.
+#[derive(Clone, Debug)]
+pub(crate) struct ShownDisplay {
+    pub(crate) facts: DisplayFacts,
+    body: Bytes,
+}
+
+/// Facts about a table, as `/api/scene` gives them.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct DisplayFacts {
+    display: String,
+    view: String,
+    /// Radiances along each axis.
+    side: usize,
+    /// Ends of the range, log2 of radiance at the exposure in force.
+    range_log2: [f32; 2],
+}
+
+impl ShownDisplay {
+    pub(crate) fn new(lut: &DisplayLut) -> Self {
+        let values = lut.values().as_flattened().iter();
+        let body: Vec<u8> = values.flat_map(|value| f16::from_f32(*value).to_le_bytes()).collect();
+        let [display, view] = [lut.display(), lut.view()].map(str::to_owned);
+        Self { facts: DisplayFacts { display, view, side: SIDE, range_log2: [LOW_LOG2, HIGH_LOG2] }, body: body.into() }
+    }
+}
+
+/// Answers with the code values.
+pub(crate) fn answer(house: &House) -> Result<Answer, Failure> {
+    let missing = || Failure::new(StatusCode::NOT_FOUND, "this viewer has no display of OpenColorIO");
+    let display = house.subject.display.as_ref().ok_or_else(missing)?;
+    Ok(Answer::new("application/octet-stream", display.body.clone()))
+}
