@@ -81,7 +81,8 @@ impl DisplayLut {
     }
 }
 
-#[cfg(all(test, feature = "ocio"))]
+#[cfg(test)]
+#[cfg(feature = "ocio")]
 mod tests {
     use std::path::Path;
 
