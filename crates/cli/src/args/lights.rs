@@ -29,7 +29,7 @@ pub(crate) struct LightsArgs {
     #[arg(long, default_value_t = 100.0, value_parser = parse_positive, value_name = "FACTOR", help_heading = "Lamps")]
     pub(crate) medians: f32,
     /// Make windows rectangles of light that the map leaves out, and other large, flat and even
-    /// parts that are this many times as bright as the median: 10 finds most.
+    /// parts that are this many times as bright as the median: try 20 first.
     #[arg(long, value_parser = parse_positive, value_name = "FACTOR", help_heading = "Lamps")]
     pub(crate) windows: Option<f32>,
     /// Leave the light of windows in the map, and write them as its portals, which help a renderer
