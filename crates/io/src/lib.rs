@@ -70,7 +70,7 @@ pub use image::{
     encode_deep_exr, encode_exr, encode_jpeg, encode_png, encode_png_pq, holds_radiance, image_size, pinhole_within, read_codes,
     read_exr_attributes, read_image, undistort, undistort_into, write_deep_exr, write_display_png, write_exr, write_png,
 };
-pub use lights::{LightShape, StageDome, StageLight, StageLights, encode_lights_glb, stage_lights_text, write_lights};
+pub use lights::{LightShape, StageDome, StageLight, StageLights, StagePortal, encode_lights_glb, stage_lights_text, write_lights};
 pub use luxel_core::photo::{Codes, Exif, IccProfile, PhotoInfo, PhotoKind, RawInfo, RawPixels};
 pub use memory::{available_memory, given_memory_limit, memory_limit, set_memory_limit, system_memory};
 pub use mesh::{MeshFile, MeshFormat, write_mesh};
@@ -86,8 +86,8 @@ pub use sog::{decode_sog, encode_sog, read_sog, sog_positions, write_sog};
 pub use spz::{SpzPositions, SpzVersion, decode_spz, encode_spz, read_spz, spz_out_of_range, spz_positions, write_spz};
 pub use tensors::{Tensors, decode_tensors, read_tensors};
 pub use usd::{
-    StageCameras, StageChoice, StageMotion, UsdCameras, decode_stage_cameras, decode_usd_cameras, decode_usda, decode_usdc, encode_usda,
-    encode_usdc, is_usd, read_usda, stage_cameras_text, write_stage_cameras, write_usda, write_usdc, write_usdz,
+    PackagedFile, StageCameras, StageChoice, StageMotion, UsdCameras, decode_stage_cameras, decode_usd_cameras, decode_usda, decode_usdc,
+    encode_usda, encode_usdc, is_usd, read_usda, stage_cameras_text, write_stage_cameras, write_usda, write_usdc, write_usdz,
 };
 
 /// The example of the crate's README, compiled as a doc test.

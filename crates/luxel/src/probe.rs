@@ -246,7 +246,12 @@ impl Surroundings {
     /// An up direction that cannot be used.
     pub fn new(up: Up, dataset: Option<&Dataset>) -> Result<Self> {
         let environment_from_world = file_from_world(up, UpAxis::PlusY, dataset, 1.0)?.rotation();
-        Ok(Self { environment_from_world, focal_px: dataset.and_then(median_focal_px) })
+        Ok(Self::turned(environment_from_world, dataset))
+    }
+
+    /// Returns the resolution of training, with a rotation from the world to the axes of the map.
+    pub(crate) fn turned(environment_from_world: DMat3, dataset: Option<&Dataset>) -> Self {
+        Self { environment_from_world, focal_px: dataset.and_then(median_focal_px) }
     }
 }
 

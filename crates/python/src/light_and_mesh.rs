@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use luxel::export::Up;
-use luxel::lights::{DomeOptions, LightOptions, SceneLights, lights_json, scene_lights};
+use luxel::lights::{DomeOptions, LightOptions, SceneLights, WindowOptions, lights_json, scene_lights};
 use luxel::mesh::{MeshOptions, SceneMesh, TriangleMesh, mesh};
 use luxel::{Dataset, Probe, SelectedEngine};
 use numpy::PyArray2;
@@ -30,7 +30,7 @@ pub(crate) struct PyLights {
 
 #[pymethods]
 impl PyLights {
-    /// Lamps, strongest first: dictionaries as in the JSON of `luxel lights`.
+    /// Lamps, strongest first, then portals: dictionaries as in the JSON of `luxel lights`.
     #[getter]
     fn lamps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         json::to_python(py, &lights_json(&self.lights))
@@ -140,6 +140,9 @@ impl PyScene {
     /// Args:
     ///     dataset: views that measure the lamps.
     ///     medians: a lamp is this many times as bright as the median pixel.
+    ///     windows: large flat parts that are this many times as bright as the median pixel are
+    ///         rectangles of light, such as windows; None for none.
+    ///     portals: leaves the light of windows in the map, whose portals they are.
     ///     most: most lamps; weaker ones stay in the map.
     ///     map: whether the map is rendered.
     ///     at: point of the map, world coordinates; None for one between the cameras and what they
@@ -149,13 +152,15 @@ impl PyScene {
     ///         they are black.
     ///     up: axis of the scene that is up, such as [0, 0, 1]; None for that of the data set.
     ///     color_space: linear space of lamps and map.
-    #[pyo3(signature = (dataset, *, medians=100.0, most=32, map=true, at=None, width=1024, fill=true, up=None, color_space="linear-rec709", device="auto"))]
+    #[pyo3(signature = (dataset, *, medians=100.0, windows=None, portals=false, most=32, map=true, at=None, width=1024, fill=true, up=None, color_space="linear-rec709", device="auto"))]
     #[expect(clippy::too_many_arguments, reason = "arguments of Python have names")]
     fn lights(
         &self,
         py: Python<'_>,
         dataset: &PyDataset,
         medians: f64,
+        windows: Option<f64>,
+        portals: bool,
         most: usize,
         map: bool,
         at: Option<[f64; 3]>,
@@ -171,9 +176,17 @@ impl PyScene {
         if !(1..=1 << 16).contains(&width) {
             return Err(invalid(format!("width: found {width}, expected 1 to {}", 1 << 16)));
         }
+        if windows.is_some_and(|medians| !(medians > 1.0 && medians.is_finite())) {
+            return Err(invalid(format!("windows: found {windows:?}, expected a number above 1")));
+        }
+        if portals && (windows.is_none() || !map) {
+            return Err(invalid("portals: they are windows of the map, which needs windows and map"));
+        }
+        let windows = windows.map(|medians| WindowOptions { medians, are_portals: portals });
         let up = up_of(up);
         let dome = map.then_some(DomeOptions { at, width_px: width, fill, up });
-        let options = LightOptions { medians, most, color_space: names::color_space(color_space)?, dome };
+        let options =
+            LightOptions { medians, windows, most, color_space: names::color_space(color_space)?, dome, ..LightOptions::default() };
         let scene = with_locked(py, &self.state, |state| state.scene.clone());
         // Only the CPU engine renders coverage, which says which directions no view saw.
         let device = opened(if map && fill && device == "auto" { "cpu" } else { device }, None)?;

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use glam::DMat3;
 use luxel::export::{self, BakeKind, FileScale, Up};
+use luxel::lights::LightOptions;
 use luxel::{Bake, ExportOptions, ProbeOptions, SelectedEngine};
 use luxel_core::environment::Projection;
 use pyo3::prelude::*;
@@ -49,7 +50,9 @@ impl PyScene {
     ///     rotation: [3,3], turn of the scene about the origin.
     ///     scale: factor of lengths.
     ///     metres_per_unit: length of a unit of the file; the scene's scale must be known then.
-    #[pyo3(signature = (path, *, bake=None, color_space=None, tonemap=None, exposure=0.0, max_degree=3, max_splats=None, dataset=None, origin=None, rotation=None, scale=1.0, metres_per_unit=None, device="auto"))]
+    ///     lights: whether the lamps of the scene are put into the file, which is OpenUSD or .glb,
+    ///         and all other light beside it as an environment map; needs a dataset.
+    #[pyo3(signature = (path, *, bake=None, color_space=None, tonemap=None, exposure=0.0, max_degree=3, max_splats=None, dataset=None, origin=None, rotation=None, scale=1.0, metres_per_unit=None, lights=false, device="auto"))]
     #[expect(clippy::too_many_arguments, reason = "arguments of Python have names")]
     fn export<'py>(
         &self,
@@ -66,6 +69,7 @@ impl PyScene {
         rotation: Option<&Bound<'py, PyAny>>,
         scale: f32,
         metres_per_unit: Option<f64>,
+        lights: bool,
         device: &str,
     ) -> PyResult<Bound<'py, PyDict>> {
         let kind = match bake {
@@ -88,8 +92,11 @@ impl PyScene {
         }
         let scale = metres_per_unit.map_or(FileScale::Factor(scale), FileScale::MetresPerUnit);
         let rotation = rotation.map(rotation_of).transpose()?.unwrap_or(DMat3::IDENTITY);
-        let options = ExportOptions { bake, max_splats, origin, rotation, scale, ..ExportOptions::default() };
-        let (scene, device) = (self.read(py, Clone::clone), opened(device, None)?);
+        let light_options = lights.then(LightOptions::default);
+        let options = ExportOptions { bake, max_splats, origin, rotation, scale, lights: light_options, ..ExportOptions::default() };
+        // Only the CPU engine renders coverage, which says which directions no view saw.
+        let device = opened(if lights && device == "auto" { "cpu" } else { device }, None)?;
+        let scene = self.read(py, Clone::clone);
         let dataset = dataset.map(|dataset| Arc::clone(&dataset.dataset));
         let write = move || {
             let mut engine = SelectedEngine::open(&device)?.engine;
@@ -104,6 +111,10 @@ impl PyScene {
         found.set_item("color_space", exported.color_space.map(|space| space.name()))?;
         found.set_item("origin", exported.origin)?;
         found.set_item("metres_per_unit", exported.metres_per_unit)?;
+        if let Some(lights) = exported.lights {
+            found.set_item("lamps", lights.lamps)?;
+            found.set_item("map", lights.map)?;
+        }
         Ok(found)
     }
 

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use luxel::Bake;
-use luxel::export::{BakeKind, CropBox, ExportOptions, FileScale};
+use luxel::export::{BakeKind, CropBox, ExportOptions, FileScale, Format, check_lights};
+use luxel::lights::LightOptions;
 use luxel_io::SpzVersion;
 
 use super::SceneDataArgs;
@@ -83,6 +84,11 @@ pub(crate) struct ExportArgs {
     /// Length of a unit of the scene, metres [default: what its data set states].
     #[arg(long, value_parser = parse_positive_f64, value_name = "METRES", help_heading = "World")]
     pub(crate) metres_per_unit: Option<f64>,
+    /// Put the scene's lamps into the file, and all other light as an environment map beside it,
+    /// FILE_dome.exr (in a .usdz within it): OpenUSD's lights, or lamps of glTF, which has no map.
+    /// They are found as luxel lights does by default, which writes a file of their own.
+    #[arg(long, help_heading = "Light")]
+    pub(crate) lights: bool,
     /// Version of an .spz file.
     #[arg(long, value_enum, default_value_t, value_name = "VERSION", help_heading = "World")]
     pub(crate) spz_version: SpzVersionArg,
@@ -113,12 +119,31 @@ impl ExportArgs {
             scale: self.scale_to.map_or(FileScale::Factor(self.scale), FileScale::MetresPerUnit),
             metres_per_unit: self.metres_per_unit,
             spz_version: self.spz_version.into(),
+            lights: self.lights.then(LightOptions::default),
         }
     }
 }
 
+/// Returns whether the options contradict each other, in words.
+pub(super) fn check(args: &ExportArgs) -> Result<(), String> {
+    if !args.lights {
+        return Ok(());
+    }
+    let is_page = args.output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("html"));
+    let is_known = is_page || Format::from_path(&args.output).is_ok();
+    if is_known && (is_page || check_lights(&args.output).is_err()) {
+        let name = args.output.display();
+        return Err(format!(
+            "{name}: --lights is for .usda, .usd, .usdc, .usdz and .glb files, others hold no lights; leave it out, and write the lights to a \
+             file of their own with luxel lights"
+        ));
+    }
+    Ok(())
+}
+
 const EXAMPLES: &str = "\
   luxel export run -o set.usda --output-color-space acescg     radiance for Nuke and Houdini
+  luxel export run -o set.usdc --lights                        radiance with the lamps and a dome light of the place
   luxel export run -o set.ply --bake linear                    radiance for V-Ray (raw)
   luxel export run -o set.spz --max-splats 200000              a display bake for the web
   luxel export run -o set.html --max-splats 100000             a page with the scene in it, to send to somebody

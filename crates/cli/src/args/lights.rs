@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use luxel::lights::{DomeOptions, LightOptions};
+use luxel::lights::{DomeOptions, LightOptions, WindowOptions};
 
 use super::SceneDataArgs;
 use crate::args::values::{SpaceArg, UpArg, parse_point, parse_positive};
@@ -28,6 +28,14 @@ pub(crate) struct LightsArgs {
     /// How many times as bright as the median of all pixels a lamp is.
     #[arg(long, default_value_t = 100.0, value_parser = parse_positive, value_name = "FACTOR", help_heading = "Lamps")]
     pub(crate) medians: f32,
+    /// Make windows rectangles of light that the map leaves out, and other large, flat and even
+    /// parts that are this many times as bright as the median: try 20 first.
+    #[arg(long, value_parser = parse_positive, value_name = "FACTOR", help_heading = "Lamps")]
+    pub(crate) windows: Option<f32>,
+    /// Leave the light of windows in the map, and write them as its portals, which help a renderer
+    /// to find it. OpenUSD and tables have them; some programs make stray lamps of them.
+    #[arg(long, requires = "windows", conflicts_with = "no_dome", help_heading = "Lamps")]
+    pub(crate) portals: bool,
     /// Most lamps; weaker ones stay in the map.
     #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u16).range(1..=1000), value_name = "N", help_heading = "Lamps")]
     pub(crate) most: u16,
@@ -68,9 +76,11 @@ impl LightsArgs {
         let dome = DomeOptions { at: self.at, width_px: self.size as usize, fill: !self.no_fill, up: UpArg::up(self.up) };
         LightOptions {
             medians: self.medians.into(),
+            windows: self.windows.map(|medians| WindowOptions { medians: medians.into(), are_portals: self.portals }),
             most: self.most.into(),
             color_space: self.output_color_space.into(),
             dome: (!self.no_dome).then_some(dome),
+            ..LightOptions::default()
         }
     }
 }

@@ -160,6 +160,7 @@ fn with_negative_numbers(arg: Arg) -> Arg {
 pub(crate) fn check(cli: &Cli, explicit: &ExplicitArgs) -> Result<(), clap::Error> {
     let checked = match &cli.command {
         Command::Reproduce(_) => reproduce::check(explicit),
+        Command::Export(args) => export::check(args),
         Command::Info(args) if args.devices => {
             LoadArgs::refuse(explicit, &[], "and --devices reads none; leave it out").map_err(|error| error.to_string())
         }

@@ -3,12 +3,13 @@
 mod page;
 
 use anyhow::{Result, bail};
-use luxel::export::{BakeError, BakeErrorValues, Exported, Format, export};
+use luxel::export::{BakeError, BakeErrorValues, Exported, Format, export, exported_map};
 use luxel::run::ExplicitArgs;
-use luxel::{output, text};
+use luxel::{Device, output, text};
 use luxel_io::SpzPositions;
 
 use crate::args::ExportArgs;
+use crate::commands::lights::{say_left_in_map, warn_of_unseen};
 use crate::inputs::engine;
 use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::output::console::Console;
@@ -28,16 +29,34 @@ pub(crate) fn run(args: &ExportArgs, explicit: &ExplicitArgs) -> Result<()> {
     if format != Format::Spz && explicit.contains("spz_version") {
         bail!("{}: --spz-version is for .spz files; leave it out, or write .spz", args.output.display());
     }
+    if let Some(map) = exported_map(&args.output).filter(|_| args.lights) {
+        output::check_free(&map, args.overwrite)?;
+    }
     let source = SceneSource::open(&args.input.scene, &console)?;
-    let options = args.options();
+    let mut options = args.options();
     options.bake.check_for(&args.output)?;
     let dataset = source.dataset(DataRequest::new(&args.input, explicit), &console)?;
-    let mut engine = engine::engine(&args.input.device)?.engine;
+    let mut device = args.input.device.clone();
+    if let Some(lights) = &mut options.lights {
+        lights.cd_m2_per_unit = source.cd_m2_per_unit(DataRequest::new(&args.input, explicit));
+        // Only the CPU engine renders coverage, which says which directions no view saw.
+        if device.device == Device::Auto {
+            device.device = Device::Cpu;
+        }
+    }
+    let mut engine = engine::engine(&device)?.engine;
     let exported = export(source.scene, &args.output, &options, dataset.as_ref(), engine.as_mut(), &console)?;
     if let Some(positions) = &exported.positions {
         warn_of_positions(positions, format, &console);
     }
     warn_of_scale(args, &exported, &console)?;
+    if let Some(lights) = &exported.lights {
+        if lights.lamps == 0 {
+            console.warn("no lamps found: all light is in the map; luxel lights with a lower --medians finds fainter ones");
+        }
+        say_left_in_map(&lights.left_in_map, &console);
+        warn_of_unseen(lights.unseen_share, "", &console);
+    }
     // An origin that was asked for is where it should be.
     if let (Some([x, y, z]), Format::Spz | Format::Sog, None) = (exported.origin, format, args.origin) {
         let (name, _) = small_format(format);
@@ -107,6 +126,10 @@ fn describe(args: &ExportArgs, exported: &Exported) -> Tree {
     }
     if exported.sizes_out_of_range > 0 {
         tree.set("sizes_out_of_range", exported.sizes_out_of_range);
+    }
+    if let Some(lights) = &exported.lights {
+        tree.set("lamps", lights.lamps);
+        tree.set("map", lights.map.as_ref().map_or_else(|| "in the package".to_owned(), |map| map.display().to_string()));
     }
     match &exported.error {
         Some(error) => tree.group("bake_error", describe_error(error)),

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Result;
-use luxel::lights::{AreaLight, EXTENSIONS, SceneLights, lights_json, map_path, scene_lights};
+use luxel::lights::{AreaLight, EXTENSIONS, LightOptions, SceneLights, lights_json, map_path, no_cameras, scene_lights};
 use luxel::run::ExplicitArgs;
 use luxel::{Device, output, text};
 use luxel_io::LightShape;
@@ -26,7 +26,7 @@ pub(crate) fn run(args: &LightsArgs, explicit: &ExplicitArgs) -> Result<()> {
     }
     let source = SceneSource::open(&args.input.scene, &console)?;
     let Some(dataset) = source.dataset(DataRequest::new(&args.input, explicit), &console)? else {
-        anyhow::bail!("no cameras: lamps are measured from the views of a data set; give --data DATASET");
+        return Err(no_cameras().into());
     };
     let mut device = args.input.device.clone();
     // Only the CPU engine renders coverage, which says which directions no view saw.
@@ -34,21 +34,21 @@ pub(crate) fn run(args: &LightsArgs, explicit: &ExplicitArgs) -> Result<()> {
         device.device = Device::Cpu;
     }
     let mut engine = engine::engine(&device)?.engine;
-    let cd_m2_per_unit = source.cd_m2_per_unit(DataRequest::new(&args.input, explicit));
-    let mut lights = scene_lights(source.scene, &dataset, &args.options(), engine.as_mut(), &console)?;
-    lights.cd_m2_per_unit = cd_m2_per_unit;
+    let options = LightOptions { cd_m2_per_unit: source.cd_m2_per_unit(DataRequest::new(&args.input, explicit)), ..args.options() };
+    let lights = scene_lights(source.scene, &dataset, &options, engine.as_mut(), &console)?;
     lights.save(&args.output, UpArg::up(args.up), &dataset)?;
     if lights.lights.is_empty() {
         console.warn("no lamps found: all light is in the map; a lower --medians finds fainter ones");
     }
-    for left in &lights.left_in_map {
-        console.note(&format!("left in the map: {left}"));
+    if args.portals && lights.portals.is_empty() {
+        console.warn("no windows found, so there are no portals: a lower --windows finds fainter ones");
     }
-    if lights.unseen_share > 0.01 && !args.no_fill && map.is_some() {
-        let percent = 100.0 * lights.unseen_share;
-        console.warn(&format!(
-            "no view saw {percent:.0} % of the map's directions: they have the median radiance of the views; --no-fill leaves them black"
-        ));
+    if !lights.portals.is_empty() && output::check_extension(&args.output, &["glb"]).is_ok() {
+        console.warn("glTF has no portals: they are left out; write .usda, .json or .csv");
+    }
+    say_left_in_map(&lights.left_in_map, &console);
+    if !args.no_fill && map.is_some() {
+        warn_of_unseen(lights.unseen_share, "; --no-fill leaves them black", &console);
     }
     let tree = describe(args, &lights, map.as_deref());
     let mut json = tree.json();
@@ -56,10 +56,28 @@ pub(crate) fn run(args: &LightsArgs, explicit: &ExplicitArgs) -> Result<()> {
     console.finish(json, &format!("{}{}", tree.text().trim_end(), lamps_text(&lights.lights)))
 }
 
+/// Says which bright things stay in the map.
+pub(super) fn say_left_in_map(groups: &[String], console: &Console) {
+    for group in groups {
+        console.note(&format!("left in the map: {group}"));
+    }
+}
+
+/// Says how much of the map no view saw; `remedy` goes behind it.
+pub(super) fn warn_of_unseen(share: f64, remedy: &str, console: &Console) {
+    if share > 0.01 {
+        let percent = 100.0 * share;
+        console.warn(&format!("no view saw {percent:.0} % of the map's directions: they have the median radiance of the views{remedy}"));
+    }
+}
+
 fn describe(args: &LightsArgs, lights: &SceneLights, map: Option<&Path>) -> Tree {
     let mut tree = Tree::default();
     tree.set("file", args.output.display().to_string());
     tree.set("lamps", lights.lights.len());
+    if args.portals {
+        tree.set("portals", lights.portals.len());
+    }
     tree.set("color_space", lights.color_space.name());
     if let Some(nits) = lights.cd_m2_per_unit {
         tree.set_f32("cd_m2_per_unit", nits as f32);

@@ -273,3 +273,36 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn lamps_are_nodes_beside_the_splats() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.glb");
+    let scene = scene(false);
+    let lamp = crate::StageLight {
+        middle: glam::DVec3::new(1.0, 2.0, 3.0),
+        shape: crate::LightShape::Sphere { radius: 0.5 },
+        radiance: [4.0, 2.0, 1.0],
+    };
+    let lights = crate::StageLights {
+        lights: vec![lamp],
+        dome: None,
+        portals: Vec::new(),
+        metres_per_unit: None,
+        cd_m2_per_unit: None,
+        color_space: ColorSpace::LinearRec709,
+    };
+    write_glb(&path, &baked(&scene, Appearance::PREVIEW), Some(&scene), Some(&lights)).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let document: serde_json::Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+    assert_eq!(document["scenes"][0]["nodes"], serde_json::json!([0, 1]));
+    assert_eq!(document["nodes"][1]["extensions"]["KHR_lights_punctual"]["light"], 0);
+    assert_eq!(document["extensions"]["KHR_lights_punctual"]["lights"][0]["type"], "point");
+    assert!(document["extensionsUsed"].as_array().unwrap().contains(&"KHR_lights_punctual".into()));
+    let without = encode_glb(name(), &baked(&scene, Appearance::PREVIEW), Some(&scene)).unwrap();
+    assert_eq!(read_glb(&path).unwrap(), decode_glb(name(), &without).unwrap());
+    let none = crate::StageLights { lights: Vec::new(), ..lights };
+    write_glb(&path, &baked(&scene, Appearance::PREVIEW), Some(&scene), Some(&none)).unwrap();
+    assert_eq!(std::fs::read(&path).unwrap(), without);
+}

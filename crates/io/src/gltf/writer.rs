@@ -12,6 +12,7 @@ use serde_json::{Map, Value, json};
 
 use super::{CHUNK_BIN, CHUNK_JSON, EXTENSION, FLOAT, GLB_MAGIC, KHR};
 use crate::bake::{Appearance, BakeRecord, Baked, RECORD_KEY, WorldRecord};
+use crate::lights::{PUNCTUAL, StageLights, light_extras, light_nodes, punctual_lights};
 use crate::local_frame::LocalFrame;
 use crate::validity::check_lengths;
 use crate::{IoError, write_atomically};
@@ -21,23 +22,24 @@ const BLOCK: usize = 1 << 16;
 const UNSIGNED_BYTE: u32 = 5121;
 const ARRAY_BUFFER: u32 = 34962;
 
-/// Writes a bake, with `exact` the radiance model, too (of the same splats, in the same world).
+/// Writes a bake, with `exact` the radiance model, too (of the same splats, in the same world), and
+/// with lights their lamps; glTF has no map.
 ///
 /// # Errors
 /// A scene that could not be read back, a linear bake in other than linear Rec.709, more than the 4
 /// GiB that the format holds, or the file system's refusal.
-pub fn write_glb(path: &Path, baked: &Baked, exact: Option<&Scene>) -> Result<(), IoError> {
-    let layout = GlbLayout::new(path, baked, exact)?;
+pub fn write_glb(path: &Path, baked: &Baked, exact: Option<&Scene>, lights: Option<&StageLights>) -> Result<(), IoError> {
+    let layout = GlbLayout::new(path, baked, exact, lights)?;
     write_atomically(path, |file| layout.write(file).map_err(|e| IoError::system(path, "write", &e)))
 }
 
-/// Encodes the bytes that [`write_glb`] writes; `name` is for errors.
+/// Encodes the bytes that [`write_glb`] writes without lights; `name` is for errors.
 ///
 /// # Errors
 /// The same as [`write_glb`].
 pub fn encode_glb(name: &Path, baked: &Baked, exact: Option<&Scene>) -> Result<Vec<u8>, IoError> {
     let mut bytes = Vec::new();
-    GlbLayout::new(name, baked, exact)?.write(&mut bytes).map_err(|e| IoError::system(name, "write", &e))?;
+    GlbLayout::new(name, baked, exact, None)?.write(&mut bytes).map_err(|e| IoError::system(name, "write", &e))?;
     Ok(bytes)
 }
 
@@ -74,7 +76,7 @@ struct GlbLayout<'a> {
 }
 
 impl<'a> GlbLayout<'a> {
-    fn new(name: &Path, baked: &'a Baked, exact: Option<&'a Scene>) -> Result<Self, IoError> {
+    fn new(name: &Path, baked: &'a Baked, exact: Option<&'a Scene>, lights: Option<&StageLights>) -> Result<Self, IoError> {
         crate::ply::check(name, &baked.scene)?;
         check_lengths(&baked.scene.splats).map_err(|e| IoError::invalid(name, format_args!("scene to write: {e}")))?;
         let splats = &baked.scene.splats;
@@ -99,7 +101,10 @@ impl<'a> GlbLayout<'a> {
             attributes.extend(exact_attributes(scene));
         }
         let count = splats.len();
-        let document = document(baked, exact, &attributes, shown, space).map_err(|e| IoError::invalid(name, e))?;
+        let mut document = document(baked, exact, &attributes, shown, space).map_err(|e| IoError::invalid(name, e))?;
+        if let Some(lights) = lights {
+            add_lights(&mut document, lights);
+        }
         let mut json = serde_json::to_vec(&document).map_err(|e| IoError::invalid(name, e))?;
         json.resize(json.len().next_multiple_of(4), b' ');
         let bin: u64 = attributes.iter().map(|a| (a.row_bytes * count) as u64).sum();
@@ -262,4 +267,21 @@ fn document(baked: &Baked, exact: Option<&Scene>, attributes: &[Attribute<'_>], 
         "bufferViews": views,
         "accessors": accessors,
     }))
+}
+
+/// Adds lamps as nodes beside the splats' one.
+fn add_lights(document: &mut Value, lights: &StageLights) {
+    let nodes = light_nodes(lights);
+    // Empty arrays are not allowed.
+    if nodes.is_empty() {
+        return;
+    }
+    document["extensions"] = json!({ PUNCTUAL: { "lights": punctual_lights(lights) } });
+    document["extras"] = light_extras(lights);
+    document["scenes"][0]["nodes"] = (0..=nodes.len()).collect();
+    for (list, values) in [("extensionsUsed", vec![PUNCTUAL.into()]), ("nodes", nodes)] {
+        if let Some(list) = document[list].as_array_mut() {
+            list.extend(values);
+        }
+    }
 }

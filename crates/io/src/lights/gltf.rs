@@ -7,63 +7,75 @@
 
 use std::path::Path;
 
-use glam::{DMat3, DQuat};
+use glam::DQuat;
 use serde_json::{Value, json};
 
-use super::{LightShape, StageLights, intensity_and_color};
+use super::{LightShape, StageLight, StageLights, intensity_and_color};
 use crate::IoError;
+use crate::gltf::{CHUNK_JSON, GLB_MAGIC};
 use crate::image::color_interop_id;
 
-const GLB_MAGIC: u32 = 0x4654_6c67;
-const CHUNK_JSON: u32 = 0x4e4f_534a;
+/// Khronos' extension.
+pub(crate) const PUNCTUAL: &str = "KHR_lights_punctual";
+
+/// Returns the lamps as the extension lists them.
+pub(crate) fn punctual_lights(lights: &StageLights) -> Vec<Value> {
+    let punctual = |(i, light): (usize, &StageLight)| {
+        let (intensity, color) = intensity_and_color(light.radiance.map(|l| l * light.shape.area()));
+        let mut punctual = json!({ "name": name(i), "color": color, "intensity": intensity, "type": "point" });
+        let mut extras = json!({ "shape": light.shape.name(), "radiance": light.radiance });
+        match light.shape {
+            LightShape::Sphere { radius } => extras["radius"] = radius.into(),
+            LightShape::Disk { radius, .. } => extras["radius"] = radius.into(),
+            LightShape::Rect { size, .. } => extras["size"] = json!(size),
+        }
+        if !matches!(light.shape, LightShape::Sphere { .. }) {
+            punctual["type"] = "spot".into();
+            punctual["spot"] = json!({ "innerConeAngle": 0.0, "outerConeAngle": std::f64::consts::FRAC_PI_2 });
+        }
+        punctual["extras"] = extras;
+        punctual
+    };
+    lights.lights.iter().enumerate().map(punctual).collect()
+}
+
+/// Returns the nodes that place [`punctual_lights`].
+pub(crate) fn light_nodes(lights: &StageLights) -> Vec<Value> {
+    let node = |(i, light): (usize, &StageLight)| {
+        let turn = DQuat::from_mat3(&light.shape.axes());
+        json!({
+            "name": name(i), "translation": light.middle.to_array(), "rotation": turn.to_array(),
+            "extensions": { PUNCTUAL: { "light": i } },
+        })
+    };
+    lights.lights.iter().enumerate().map(node).collect()
+}
+
+/// Returns what the document says about the lamps' units.
+pub(crate) fn light_extras(lights: &StageLights) -> Value {
+    let space = color_interop_id(lights.color_space);
+    json!({ "luxel": { "colorSpace": space, "metresPerUnit": lights.metres_per_unit, "cdM2PerUnit": lights.cd_m2_per_unit } })
+}
+
+fn name(i: usize) -> String {
+    format!("Lamp_{}", i + 1)
+}
 
 /// Encodes lamps; `name` is for errors. The map is left out: glTF has none.
 ///
 /// # Errors
 /// Lamps without end.
 pub fn encode_lights_glb(name: &Path, lights: &StageLights) -> Result<Vec<u8>, IoError> {
-    let punctual: Vec<Value> = lights
-        .lights
-        .iter()
-        .enumerate()
-        .map(|(i, light)| {
-            let (intensity, color) = intensity_and_color(light.radiance.map(|l| l * light.shape.area()));
-            let mut punctual = json!({ "name": format!("Lamp_{}", i + 1), "color": color, "intensity": intensity, "type": "point" });
-            let mut extras = json!({ "shape": light.shape.name(), "radiance": light.radiance });
-            match light.shape {
-                LightShape::Sphere { radius } => extras["radius"] = radius.into(),
-                LightShape::Disk { radius, .. } => extras["radius"] = radius.into(),
-                LightShape::Rect { size, .. } => extras["size"] = json!(size),
-            }
-            if !matches!(light.shape, LightShape::Sphere { .. }) {
-                punctual["type"] = "spot".into();
-                punctual["spot"] = json!({ "innerConeAngle": 0.0, "outerConeAngle": std::f64::consts::FRAC_PI_2 });
-            }
-            punctual["extras"] = extras;
-            punctual
-        })
-        .collect();
-    let nodes: Vec<Value> = lights
-        .lights
-        .iter()
-        .enumerate()
-        .map(|(i, light)| {
-            let turn = DQuat::from_mat3(&DMat3::from_cols(light.shape.axes().x_axis, light.shape.axes().y_axis, light.shape.axes().z_axis));
-            json!({
-                "name": format!("Lamp_{}", i + 1), "translation": light.middle.to_array(), "rotation": turn.to_array(),
-                "extensions": { "KHR_lights_punctual": { "light": i } },
-            })
-        })
-        .collect();
+    let nodes = light_nodes(lights);
     let mut document = json!({
         "asset": { "version": "2.0", "generator": concat!("Luxel ", env!("CARGO_PKG_VERSION")) },
-        "extras": { "luxel": { "colorSpace": color_interop_id(lights.color_space), "metresPerUnit": lights.metres_per_unit, "cdM2PerUnit": lights.cd_m2_per_unit } },
+        "extras": light_extras(lights),
         "scene": 0, "scenes": [{}],
     });
     // Empty arrays are not allowed.
     if !nodes.is_empty() {
-        document["extensionsUsed"] = json!(["KHR_lights_punctual"]);
-        document["extensions"] = json!({ "KHR_lights_punctual": { "lights": punctual } });
+        document["extensionsUsed"] = json!([PUNCTUAL]);
+        document["extensions"] = json!({ PUNCTUAL: { "lights": punctual_lights(lights) } });
         document["scenes"] = json!([{ "nodes": (0..nodes.len()).collect::<Vec<_>>() }]);
         document["nodes"] = nodes.into();
     }

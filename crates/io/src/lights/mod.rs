@@ -1,10 +1,12 @@
 //! Lamps for other programs: OpenUSD's UsdLux, and glTF's KHR_lights_punctual.
 //!
 //! In: balls, discs and rectangles with the radiance of their surface, and the map of all other
-//! light; a stage with +Y up. Out: text of an OpenUSD layer, or a binary glTF without meshes.
-//! Degenerate: without lamps both are valid and hold the map, or nothing.
+//! light; a stage with +Y up. Out: text of an OpenUSD layer, or a binary glTF without meshes; or
+//! what the writers of splats put beside these. Degenerate: without lamps both are valid and hold
+//! the map, or nothing.
 
 mod gltf;
+mod prims;
 mod usd;
 
 use std::path::Path;
@@ -13,6 +15,9 @@ use glam::{DMat3, DVec3};
 use luxel_core::ColorSpace;
 
 pub use self::gltf::encode_lights_glb;
+pub(crate) use self::gltf::{PUNCTUAL, light_extras, light_nodes, punctual_lights};
+pub(crate) use self::prims::{LIGHTS, LightAttribute, LightPrim, LightValue, PORTALS, light_prims, lights_documentation};
+pub(crate) use self::usd::lights_prim_text;
 pub use self::usd::stage_lights_text;
 use crate::{IoError, write_atomically};
 
@@ -49,6 +54,15 @@ impl LightShape {
             Self::Sphere { .. } => self,
             Self::Disk { radius, normal } => Self::Disk { radius, normal: rotation * normal },
             Self::Rect { size, normal, along } => Self::Rect { size, normal: rotation * normal, along: rotation * along },
+        }
+    }
+
+    /// Returns the shape with its lengths times a factor.
+    pub fn scaled(self, factor: f64) -> Self {
+        match self {
+            Self::Sphere { radius } => Self::Sphere { radius: factor * radius },
+            Self::Disk { radius, normal } => Self::Disk { radius: factor * radius, normal },
+            Self::Rect { size, normal, along } => Self::Rect { size: size.map(|side| factor * side), normal, along },
         }
     }
 
@@ -91,6 +105,15 @@ pub struct StageLight {
     pub radiance: [f64; 3],
 }
 
+/// An opening through which light of the map falls, in the coordinates of a stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StagePortal {
+    /// Its middle.
+    pub middle: DVec3,
+    /// Its shape; the normal is where the light goes.
+    pub shape: LightShape,
+}
+
 /// The map of all other light: latitude-longitude, its top at +y.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StageDome {
@@ -105,6 +128,8 @@ pub struct StageLights {
     pub lights: Vec<StageLight>,
     /// The map, if there is one.
     pub dome: Option<StageDome>,
+    /// Portals of the map, which OpenUSD alone has; they are left out without a map.
+    pub portals: Vec<StagePortal>,
     /// Metres of a unit; `None` if nothing states it.
     pub metres_per_unit: Option<f64>,
     /// Luminance of a unit of radiance, cd/m2; `None` if nothing states it.

@@ -16,6 +16,7 @@ fn lights() -> StageLights {
             },
         ],
         dome: Some(StageDome { texture: "./a@b.exr".into() }),
+        portals: Vec::new(),
         metres_per_unit: Some(0.5),
         cd_m2_per_unit: Some(1.0),
         color_space: ColorSpace::LinearRec709,
@@ -57,6 +58,16 @@ fn a_layer_holds_radiance_as_intensity_times_colour() {
     let none = StageLights { lights: Vec::new(), dome: None, metres_per_unit: None, cd_m2_per_unit: None, ..lights() };
     let text = stage_lights_text(&none);
     assert!(text.contains("metersPerUnit is not measured") && text.contains("radiance in the units of the data set"));
+}
+
+#[test]
+fn portals_belong_to_the_map() {
+    let shape = LightShape::Rect { size: [2.0, 1.0], normal: DVec3::NEG_Z, along: DVec3::X };
+    let portals = vec![StagePortal { middle: DVec3::Y, shape }; 2];
+    let text = stage_lights_text(&StageLights { portals: portals.clone(), ..lights() });
+    assert!(text.contains("def PortalLight \"Portal_2\"") && text.contains("rel portals = [<../Portal_1>, <../Portal_2>]"), "{text}");
+    let without_map = stage_lights_text(&StageLights { portals, dome: None, ..lights() });
+    assert!(!without_map.contains("ortal"), "{without_map}");
 }
 
 #[test]

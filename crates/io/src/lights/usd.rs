@@ -1,64 +1,63 @@
-//! UsdLux: lamps whose intensity is their radiance.
-//!
-//! `inputs:normalize` is off, so that the intensity times the colour is radiance whatever the area
-//! and the unit of lengths are; exposure is 0, and the temperature off, which could not hold a
-//! measured colour. Discs and rectangles lie in the prim's xy-plane and shine along -z.
+//! Lamps as OpenUSD text: a layer of their own, or a part of another one.
 
 use std::fmt::Write as _;
 
-use super::{LightShape, StageLight, StageLights, intensity_and_color};
-use crate::image::color_interop_id;
+use super::StageLights;
+use super::prims::{LIGHTS, LightAttribute, LightValue, PORTALS, light_prims, lights_documentation};
 
 /// Returns the text of a layer; it loads its map from beside it.
 pub fn stage_lights_text(lights: &StageLights) -> String {
     let (metres, doubt) = lights.metres_per_unit.map_or((1.0, "; metersPerUnit is not measured"), |metres| (metres, ""));
-    let space = color_interop_id(lights.color_space);
-    let unit = match lights.cd_m2_per_unit {
-        Some(1.0) => " in cd/m2 (nits)".to_owned(),
-        Some(nits) => format!(" in units of {nits} cd/m2 (nits)"),
-        None => " in the units of the data set".to_owned(),
-    };
+    let documentation = lights_documentation(lights);
     let mut text = format!(
-        "#usda 1.0\n(\n    defaultPrim = \"Lights\"\n    doc = \"Lights by Luxel: intensity times colour is radiance{unit}, {space}{doubt}\"\n    \
-         metersPerUnit = {metres}\n    upAxis = \"Y\"\n)\n\ndef Xform \"Lights\"\n{{\n"
+        "#usda 1.0\n(\n    defaultPrim = \"{LIGHTS}\"\n    doc = \"{documentation}{doubt}\"\n    metersPerUnit = {metres}\n    \
+         upAxis = \"Y\"\n)\n\ndef Xform \"{LIGHTS}\"\n{{\n"
     );
-    for (i, light) in lights.lights.iter().enumerate() {
-        lamp(&mut text, &format!("Lamp_{}", i + 1), light, space);
-    }
-    if let Some(dome) = &lights.dome {
-        // Writing to a string does not fail. A path between @@@ may hold @.
-        let _ = write!(
-            text,
-            "    def DomeLight \"Rest\"\n    {{\n        float inputs:exposure = 0\n        float inputs:intensity = 1\n        \
-             asset inputs:texture:file = @@@{}@@@\n        token inputs:texture:format = \"latlong\"\n    }}\n",
-            dome.texture.replace("@@@", "\\@@@")
-        );
-    }
+    text.push_str(&prims_text(lights, "    "));
     text.push_str("}\n");
     text
 }
 
-fn lamp(text: &mut String, name: &str, light: &StageLight, space: &str) {
-    let (intensity, [r, g, b]) = intensity_and_color(light.radiance);
-    let (kind, size, extent) = match light.shape {
-        LightShape::Sphere { radius } => ("SphereLight", format!("        float inputs:radius = {radius}\n"), [radius; 3]),
-        LightShape::Disk { radius, .. } => ("DiskLight", format!("        float inputs:radius = {radius}\n"), [radius, radius, 0.0]),
-        LightShape::Rect { size: [width, height], .. } => {
-            let size = format!("        float inputs:height = {height}\n        float inputs:width = {width}\n");
-            ("RectLight", size, [0.5 * width, 0.5 * height, 0.0])
+/// Returns the text of the prim around the lights of another layer, indented by `pad`.
+pub(crate) fn lights_prim_text(lights: &StageLights, pad: &str) -> String {
+    let (documentation, prims) = (lights_documentation(lights), prims_text(lights, &format!("{pad}    ")));
+    format!("{pad}def Xform \"{LIGHTS}\" (\n{pad}    doc = \"{documentation}\"\n{pad})\n{pad}{{\n{prims}{pad}}}\n")
+}
+
+fn prims_text(lights: &StageLights, pad: &str) -> String {
+    let mut text = String::new();
+    for prim in light_prims(lights) {
+        // Writing to a string does not fail.
+        let _ = write!(text, "{pad}def {} \"{}\"\n{pad}{{\n", prim.type_name, prim.name);
+        for LightAttribute { type_name, name, value } in &prim.attributes {
+            let uniform = if matches!(value, LightValue::UniformTokens(_)) { "uniform " } else { "" };
+            let _ = writeln!(text, "{pad}    {uniform}{type_name} {name} = {}", value_text(value, pad));
         }
-    };
-    let rows = [light.shape.axes().x_axis, light.shape.axes().y_axis, light.shape.axes().z_axis];
-    let rows = rows.map(|row| format!("({}, {}, {}, 0)", row.x, row.y, row.z)).join(", ");
-    let [x, y, z] = light.middle.to_array();
-    let [ex, ey, ez] = extent;
-    let _ = write!(
-        text,
-        "    def {kind} \"{name}\"\n    {{\n        float3[] extent = [({}, {}, {}), ({ex}, {ey}, {ez})]\n        \
-         color3f inputs:color = ({r}, {g}, {b}) (\n            colorSpace = \"{space}\"\n        )\n        \
-         bool inputs:enableColorTemperature = 0\n        float inputs:exposure = 0\n        float inputs:intensity = {intensity}\n        \
-         bool inputs:normalize = 0\n{size}        matrix4d xformOp:transform = ( {rows}, ({x}, {y}, {z}, 1) )\n        \
-         uniform token[] xformOpOrder = [\"xformOp:transform\"]\n    }}\n",
-        -ex, -ey, -ez
-    );
+        if !prim.portals.is_empty() {
+            let paths: Vec<String> = prim.portals.iter().map(|name| format!("<../{name}>")).collect();
+            let _ = writeln!(text, "{pad}    rel {PORTALS} = [{}]", paths.join(", "));
+        }
+        let _ = writeln!(text, "{pad}}}");
+    }
+    text
+}
+
+fn value_text(value: &LightValue, pad: &str) -> String {
+    match value {
+        LightValue::Bool(value) => u8::from(*value).to_string(),
+        LightValue::Float(value) => value.to_string(),
+        LightValue::Color(color, space) => format!("{} (\n{pad}        colorSpace = \"{space}\"\n{pad}    )", tuple(color)),
+        LightValue::Extent([low, high]) => format!("[{}, {}]", tuple(low), tuple(high)),
+        LightValue::Matrix(rows) => format!("( {} )", rows.each_ref().map(|row| tuple(row)).join(", ")),
+        LightValue::Token(token) => format!("\"{token}\""),
+        LightValue::UniformTokens(tokens) => {
+            format!("[{}]", tokens.iter().map(|token| format!("\"{token}\"")).collect::<Vec<_>>().join(", "))
+        }
+        // A path between @@@ may hold @.
+        LightValue::Asset(path) => format!("@@@{}@@@", path.replace("@@@", "\\@@@")),
+    }
+}
+
+fn tuple(values: &[f64]) -> String {
+    format!("({})", values.iter().map(f64::to_string).collect::<Vec<_>>().join(", "))
 }

@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use super::binary::{write_mesh, write_package};
+use super::binary::{PackagePart, write_mesh, write_package};
 use super::writer::{tuple, write_array, write_array_with};
 use super::{ORDER, TRANSLATE, usd_name};
 use crate::mesh::MeshFile;
@@ -57,5 +57,5 @@ pub(crate) fn write_mesh_binary(mesh: &MeshFile<'_>, out: &mut dyn Write) -> io:
 
 /// Writes a mesh as an OpenUSD package.
 pub(crate) fn write_mesh_package(mesh: &MeshFile<'_>, out: &mut dyn Write) -> io::Result<()> {
-    write_package(out, "mesh.usdc", |out| write_mesh(mesh, out))
+    write_package(out, &[PackagePart { name: "mesh.usdc", write: &|out| write_mesh(mesh, out) }])
 }

@@ -6,7 +6,8 @@
 //! `float3[] radiance:sphericalHarmonicsCoefficients` (of each splat in turn, 3D Gaussian
 //! splatting's order and offset of 1/2). All floats are written so that they are read back to the
 //! bit. The colour space is in `colorSpace:name` (ColorSpaceAPI), the up axis is Y, and
-//! `customLayerData` has the record that Luxel needs to restore the bake. Edited scenes have two
+//! `customLayerData` has the record that Luxel needs to restore the bake. With lights, the splats'
+//! prim and `Lights` are within `Scene`. Edited scenes have two
 //! attributes of this program beside them: `float[] luxel:gain`, the gains of edits, and `float3[]
 //! luxel:trainedCoefficients`, the harmonics before them, which cut-offs follow.
 //!
@@ -38,8 +39,12 @@ pub use cameras::{UsdCameras, decode_usd_cameras};
 pub(crate) use mesh::{write_mesh_binary, write_mesh_package, write_mesh_text};
 pub(crate) use reader::{decode_binary_file, read_binary_file, read_scene_file};
 pub use reader::{decode_usda, decode_usdc, read_usda};
-pub use writer::{encode_usda, encode_usdc, write_usda, write_usdc, write_usdz};
+pub use writer::{PackagedFile, encode_usda, encode_usdc, write_usda, write_usdc, write_usdz};
 
+/// Name of the splats' prim.
+const SPLATS: &str = "Splats";
+/// Name of the prim around splats and lights.
+const SCENE: &str = "Scene";
 /// The schema.
 const PRIM_TYPE: &str = "ParticleField3DGaussianSplat";
 /// Attribute of a place that a prim is moved to.

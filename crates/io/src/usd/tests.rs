@@ -1,5 +1,6 @@
 mod camera_layers;
 mod gains;
+mod lights;
 mod shown;
 
 use std::path::Path;
@@ -66,7 +67,7 @@ fn a_package_holds_the_binary_form_at_a_multiple_of_64() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.usdz");
     let baked = baked(ColorSpace::AcesCg);
-    write_usdz(&path, &baked).unwrap();
+    write_usdz(&path, &baked, None, None).unwrap();
     let bytes = std::fs::read(&path).unwrap();
     let layer = encode_usdc(name(), &baked).unwrap();
     let at = bytes.windows(8).position(|window| window == BINARY_MAGIC).unwrap();

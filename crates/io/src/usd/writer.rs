@@ -9,9 +9,11 @@ use glam::{DMat3, DQuat, DVec3};
 use luxel_core::{Splats, sigmoid};
 use rayon::prelude::*;
 
+use super::binary::{self, PackagePart};
 use super::field::with_gain;
-use super::{DISPLAY_SPACE, GAIN, ORDER, PRIM_TYPE, TRAINED, TRANSLATE, binary, usd_name};
+use super::{DISPLAY_SPACE, GAIN, ORDER, PRIM_TYPE, SCENE, SPLATS, TRAINED, TRANSLATE, usd_name};
 use crate::bake::{Appearance, BakeRecord, Baked, RECORD_KEY};
+use crate::lights::{StageLights, lights_prim_text};
 use crate::validity::check_lengths;
 use crate::{IoError, write_atomically};
 
@@ -22,56 +24,68 @@ const BATCH: usize = 64;
 /// Standard deviations that bounds reach to.
 const EXTENT_SIGMA: f64 = 3.0;
 
-/// Writes a bake, whole or not at all; folders are made as needed. A bake with gains is written as
-/// the light that they make, and with what cut-offs follow beside it.
+/// Writes a bake, and lights beside it, whole or not at all; folders are made as needed. A bake
+/// with gains is written as the light that they make, and with what cut-offs follow beside it.
 ///
 /// # Errors
 /// A scene that could not be read back, or the file system's refusal.
-pub fn write_usda(path: &Path, baked: &Baked) -> Result<(), IoError> {
+pub fn write_usda(path: &Path, baked: &Baked, lights: Option<&StageLights>) -> Result<(), IoError> {
     check(path, baked)?;
-    write_atomically(path, |file| write(baked, file).map_err(|e| IoError::system(path, "write", &e)))
+    write_atomically(path, |file| write(baked, lights, file).map_err(|e| IoError::system(path, "write", &e)))
 }
 
-/// Encodes the bytes that [`write_usda`] writes; `name` is for errors.
+/// Encodes the bytes that [`write_usda`] writes without lights; `name` is for errors.
 ///
 /// # Errors
 /// The same as [`write_usda`].
 pub fn encode_usda(name: &Path, baked: &Baked) -> Result<Vec<u8>, IoError> {
     check(name, baked)?;
     let mut bytes = Vec::new();
-    write(baked, &mut bytes).map_err(|e| IoError::system(name, "write", &e))?;
+    write(baked, None, &mut bytes).map_err(|e| IoError::system(name, "write", &e))?;
     Ok(bytes)
 }
 
-/// Writes a bake in OpenUSD's binary form, whole or not at all; folders are made as needed.
+/// Writes a bake, and lights beside it, in OpenUSD's binary form, whole or not at all; folders are
+/// made as needed.
 ///
 /// # Errors
 /// The same as [`write_usda`].
-pub fn write_usdc(path: &Path, baked: &Baked) -> Result<(), IoError> {
+pub fn write_usdc(path: &Path, baked: &Baked, lights: Option<&StageLights>) -> Result<(), IoError> {
     check(path, baked)?;
-    write_atomically(path, |file| binary::write(baked, file).map_err(|e| IoError::system(path, "write", &e)))
+    write_atomically(path, |file| binary::write(baked, lights, file).map_err(|e| IoError::system(path, "write", &e)))
 }
 
-/// Writes a bake as an OpenUSD package with one binary layer, whole or not at all; folders are made
-/// as needed.
+/// A file in a package beside its layer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PackagedFile {
+    /// Name, without folders.
+    pub name: String,
+    /// Content.
+    pub bytes: Vec<u8>,
+}
+
+/// Writes a bake, and lights beside it, as an OpenUSD package with one binary layer and the map of
+/// the lights, whole or not at all; folders are made as needed.
 ///
 /// # Errors
-/// The same as [`write_usda`]; a bake of more than 4 GiB.
-pub fn write_usdz(path: &Path, baked: &Baked) -> Result<(), IoError> {
+/// The same as [`write_usda`]; a package of more than 4 GiB.
+pub fn write_usdz(path: &Path, baked: &Baked, lights: Option<&StageLights>, map: Option<&PackagedFile>) -> Result<(), IoError> {
     check(path, baked)?;
-    write_atomically(path, |file| {
-        binary::write_package(file, "splats.usdc", |out| binary::write(baked, out)).map_err(|e| IoError::system(path, "write", &e))
-    })
+    let layer = |out: &mut dyn Write| binary::write(baked, lights, out);
+    let map_bytes = |out: &mut dyn Write| out.write_all(map.map_or(&[], |map| &map.bytes));
+    let mut parts = vec![PackagePart { name: "splats.usdc", write: &layer }];
+    parts.extend(map.map(|map| PackagePart { name: &map.name, write: &map_bytes }));
+    write_atomically(path, |file| binary::write_package(file, &parts).map_err(|e| IoError::system(path, "write", &e)))
 }
 
-/// Encodes the bytes that [`write_usdc`] writes; `name` is for errors.
+/// Encodes the bytes that [`write_usdc`] writes without lights; `name` is for errors.
 ///
 /// # Errors
 /// The same as [`write_usdc`].
 pub fn encode_usdc(name: &Path, baked: &Baked) -> Result<Vec<u8>, IoError> {
     check(name, baked)?;
     let mut bytes = Vec::new();
-    binary::write(baked, &mut bytes).map_err(|e| IoError::system(name, "write", &e))?;
+    binary::write(baked, None, &mut bytes).map_err(|e| IoError::system(name, "write", &e))?;
     Ok(bytes)
 }
 
@@ -135,43 +149,52 @@ impl<'a> Prim<'a> {
     }
 }
 
-fn write<W: Write + ?Sized>(baked: &Baked, out: &mut W) -> std::io::Result<()> {
-    let splats = &baked.scene.splats;
-    let prim = Prim::new(splats);
+fn write<W: Write + ?Sized>(baked: &Baked, lights: Option<&StageLights>, out: &mut W) -> std::io::Result<()> {
     // JSON within quotes: its own quotes and backslashes are escaped.
     let record = BakeRecord::from_bake(baked).json()?.replace('\\', "\\\\").replace('"', "\\\"");
+    let top = if lights.is_some() { SCENE } else { SPLATS };
+    writeln!(out, "#usda 1.0\n(")?;
+    writeln!(out, "    customLayerData = {{\n        string {RECORD_KEY} = \"{record}\"\n    }}")?;
+    let StageFacts { metres, documentation } = StageFacts::new(baked);
+    writeln!(out, "    defaultPrim = \"{top}\"\n    doc = \"{documentation}\"")?;
+    writeln!(out, "    metersPerUnit = {metres}\n    upAxis = \"Y\"\n)\n")?;
+    let Some(lights) = lights else { return write_splats(baked, "", out) };
+    writeln!(out, "def Xform \"{SCENE}\"\n{{")?;
+    write_splats(baked, "    ", out)?;
+    writeln!(out, "{}}}", lights_prim_text(lights, "    "))
+}
+
+/// Writes the prim of the splats, indented by `pad`.
+fn write_splats<W: Write + ?Sized>(baked: &Baked, pad: &str, out: &mut W) -> std::io::Result<()> {
+    let splats = &baked.scene.splats;
+    let prim = Prim::new(splats);
     let space = match baked.appearance {
         Appearance::Linear { .. } => usd_name(baked.scene.color_space),
         Appearance::Display { .. } => DISPLAY_SPACE,
     };
-    writeln!(out, "#usda 1.0\n(")?;
-    writeln!(out, "    customLayerData = {{\n        string {RECORD_KEY} = \"{record}\"\n    }}")?;
-    let StageFacts { metres, documentation } = StageFacts::new(baked);
-    writeln!(out, "    defaultPrim = \"Splats\"\n    doc = \"{documentation}\"")?;
-    writeln!(out, "    metersPerUnit = {metres}\n    upAxis = \"Y\"\n)\n")?;
-    writeln!(out, "def {PRIM_TYPE} \"Splats\" (\n    prepend apiSchemas = [\"ColorSpaceAPI\"]\n)\n{{")?;
-    writeln!(out, "    uniform token colorSpace:name = \"{space}\"")?;
+    writeln!(out, "{pad}def {PRIM_TYPE} \"{SPLATS}\" (\n{pad}    prepend apiSchemas = [\"ColorSpaceAPI\"]\n{pad})\n{pad}{{")?;
+    writeln!(out, "{pad}    uniform token colorSpace:name = \"{space}\"")?;
     if baked.origin_in_file() != DVec3::ZERO {
         let DVec3 { x, y, z } = baked.origin_in_file();
-        writeln!(out, "    double3 {TRANSLATE} = ({x}, {y}, {z})")?;
-        writeln!(out, "    uniform token[] {ORDER} = [\"{TRANSLATE}\"]")?;
+        writeln!(out, "{pad}    double3 {TRANSLATE} = ({x}, {y}, {z})")?;
+        writeln!(out, "{pad}    uniform token[] {ORDER} = [\"{TRANSLATE}\"]")?;
     }
     let [low, high] = extent(splats);
-    writeln!(out, "    float3[] extent = [({}, {}, {}), ({}, {}, {})]", low[0], low[1], low[2], high[0], high[1], high[2])?;
-    write_array(out, "point3f[] positions", splats.len(), |i, text| tuple(text, &splats.position[i]))?;
-    write_array(out, "float3[] scales", splats.len(), |i, text| tuple(text, &prim.scale(i)))?;
-    write_array(out, "quatf[] orientations", splats.len(), |i, text| tuple(text, &prim.orientation(i)))?;
-    write_array(out, "float[] opacities", splats.len(), |i, text| number(text, prim.opacity(i)))?;
-    writeln!(out, "    uniform token projectionModeHint = \"perspective\"")?;
-    writeln!(out, "    uniform token sortingModeHint = \"zDepth\"")?;
-    writeln!(out, "    uniform int radiance:sphericalHarmonicsDegree = {}", splats.color_model.sh_degree())?;
+    writeln!(out, "{pad}    float3[] extent = [({}, {}, {}), ({}, {}, {})]", low[0], low[1], low[2], high[0], high[1], high[2])?;
+    write_array(out, &format!("{pad}point3f[] positions"), splats.len(), |i, text| tuple(text, &splats.position[i]))?;
+    write_array(out, &format!("{pad}float3[] scales"), splats.len(), |i, text| tuple(text, &prim.scale(i)))?;
+    write_array(out, &format!("{pad}quatf[] orientations"), splats.len(), |i, text| tuple(text, &prim.orientation(i)))?;
+    write_array(out, &format!("{pad}float[] opacities"), splats.len(), |i, text| number(text, prim.opacity(i)))?;
+    writeln!(out, "{pad}    uniform token projectionModeHint = \"perspective\"")?;
+    writeln!(out, "{pad}    uniform token sortingModeHint = \"zDepth\"")?;
+    writeln!(out, "{pad}    uniform int radiance:sphericalHarmonicsDegree = {}", splats.color_model.sh_degree())?;
     let harmonics = |i: usize, text: &mut Vec<u8>| tuples(text, &prim.harmonics(i));
-    write_array(out, "float3[] radiance:sphericalHarmonicsCoefficients", splats.len(), harmonics)?;
+    write_array(out, &format!("{pad}float3[] radiance:sphericalHarmonicsCoefficients"), splats.len(), harmonics)?;
     if !splats.gain.is_empty() {
-        write_array(out, &format!("custom float[] {GAIN}"), splats.len(), |i, text| number(text, splats.gain[i]))?;
-        write_array(out, &format!("custom float3[] {TRAINED}"), splats.len(), |i, text| tuples(text, splats.sh_of(i)))?;
+        write_array(out, &format!("{pad}custom float[] {GAIN}"), splats.len(), |i, text| number(text, splats.gain[i]))?;
+        write_array(out, &format!("{pad}custom float3[] {TRAINED}"), splats.len(), |i, text| tuples(text, splats.sh_of(i)))?;
     }
-    writeln!(out, "}}")
+    writeln!(out, "{pad}}}")
 }
 
 /// Writes an attribute of `count` entries.

@@ -9,6 +9,7 @@ mod error;
 mod exposure;
 mod format;
 mod gain;
+mod lights;
 mod prune;
 mod refine;
 #[cfg(test)]
@@ -25,6 +26,8 @@ use self::bake::Plan;
 pub use self::bake::{Bake, BakeKind};
 pub use self::error::{BakeError, BakeErrorValues};
 pub use self::format::Format;
+use self::lights::FileLights;
+pub use self::lights::{ExportedLights, check_lights, exported_map};
 use self::refine::Refinement;
 pub use self::refine::{DEFAULT_REFINE_STEPS, write_with_refined_display};
 pub(crate) use self::refine::{check_refinement_room, with_at_most};
@@ -32,6 +35,7 @@ use self::world::placement;
 pub(crate) use self::world::up_of_cameras;
 pub use self::world::{FileScale, Up, UpAxis, file_from_world};
 use crate::error::{Context, bail};
+use crate::lights::LightOptions;
 use crate::{Error, Observer, Remedy, Result, text};
 
 /// A box along the axes, corners included.
@@ -79,6 +83,9 @@ pub struct ExportOptions {
     pub metres_per_unit: Option<f64>,
     /// Version of an SPZ file.
     pub spz_version: SpzVersion,
+    /// The scene's lights, which OpenUSD and glTF hold beside the splats; their colour space is
+    /// that of the file, the axes of the map are, too.
+    pub lights: Option<LightOptions>,
 }
 
 impl Default for ExportOptions {
@@ -95,6 +102,7 @@ impl Default for ExportOptions {
             scale: FileScale::Factor(1.0),
             metres_per_unit: None,
             spz_version: SpzVersion::default(),
+            lights: None,
         }
     }
 }
@@ -126,6 +134,8 @@ pub struct Exported {
     pub file_from_world: Similarity,
     /// Length of a unit of the file, metres; `None` if it is unknown.
     pub metres_per_unit: Option<f64>,
+    /// The lights in it, if they were asked for.
+    pub lights: Option<ExportedLights>,
 }
 
 /// Exports `scene` to `path`. The data set's views measure the bake, and refine and prune it if
@@ -147,6 +157,9 @@ pub fn export(
     world::move_to_origin(&mut scene, options.origin)?;
     let dataset = dataset.map(|dataset| dataset.in_frame(scene.world_from_local));
     let dataset = dataset.as_deref();
+    let similarity = placement(options, plan.format.up_axis(), dataset, scene.metres_per_unit)?;
+    let find = |lights| FileLights::find((path, &plan), lights, &scene, dataset, &similarity, engine, observer);
+    let lights = options.lights.as_ref().map(find).transpose()?;
     choose_splats(&mut scene, options, dataset, engine, observer)?;
     let is_kept = plan.options.appearance.keeps(scene.color_space);
     if is_kept {
@@ -172,7 +185,6 @@ pub fn export(
         (None, _) => {}
     }
     let error = dataset.map(|dataset| error::measure(&scene, &baked, dataset, engine)).transpose()?;
-    let similarity = placement(options, plan.format.up_axis(), dataset, scene.metres_per_unit)?;
     baked.transform(&similarity);
     if plan.is_exact {
         Similarity::scaling(scene.world_from_local.scale()).then(&similarity.linear()).apply(&mut scene.splats);
@@ -185,8 +197,9 @@ pub fn export(
         // Which holds both in one scene.
         baked.scene = cut_off_as_trained.take().unwrap_or(baked.scene);
     }
-    write(path, &plan, kept.or(cut_off_as_trained.as_ref()), &baked, options.spz_version)?;
-    Ok(describe(path, &plan, &scene, &baked, error))
+    write(path, &plan, kept.or(cut_off_as_trained.as_ref()), &baked, options.spz_version, lights.as_ref())?;
+    let lights = lights.map(|lights| lights.save_map(path)).transpose()?;
+    Ok(Exported { lights, ..describe(path, &plan, &scene, &baked, error) })
 }
 
 /// Returns the linear bake of an edited scene before its gains, with them: beside the bake it keeps
@@ -239,16 +252,27 @@ pub fn choose_splats(
     Ok(())
 }
 
-fn write(path: &Path, plan: &Plan, exact: Option<&Scene>, baked: &Baked, spz_version: SpzVersion) -> Result<()> {
+fn write(
+    path: &Path,
+    plan: &Plan,
+    exact: Option<&Scene>,
+    baked: &Baked,
+    spz_version: SpzVersion,
+    lights: Option<&FileLights>,
+) -> Result<()> {
+    let stage = lights.map(FileLights::stage);
     let written = match plan.format {
         Format::Ply => match exact {
             Some(scene) => luxel_io::write_exact_ply(path, scene, baked),
             None => luxel_io::write_baked_ply(path, baked),
         },
-        Format::Usda => luxel_io::write_usda(path, baked),
-        Format::Usdc => luxel_io::write_usdc(path, baked),
-        Format::Usdz => luxel_io::write_usdz(path, baked),
-        Format::Glb => luxel_io::write_glb(path, baked, exact),
+        Format::Usda => luxel_io::write_usda(path, baked, stage),
+        Format::Usdc => luxel_io::write_usdc(path, baked, stage),
+        Format::Usdz => {
+            let map = lights.map(FileLights::packaged_map).transpose()?.flatten();
+            luxel_io::write_usdz(path, baked, stage, map.as_ref())
+        }
+        Format::Glb => luxel_io::write_glb(path, baked, exact, stage),
         Format::Spz => luxel_io::write_spz(path, baked, spz_version),
         Format::Sog => luxel_io::write_sog(path, baked),
     };
@@ -277,5 +301,6 @@ fn describe(path: &Path, plan: &Plan, scene: &Scene, baked: &Baked, error: Optio
         origin: (origin != DVec3::ZERO).then(|| origin.to_array()),
         file_from_world: baked.file_from_world,
         metres_per_unit: baked.metres_per_unit(),
+        lights: None,
     }
 }

@@ -1,9 +1,10 @@
-//! Scenes that are turned, moved and scaled on their way into a file.
+//! Scenes that are turned, moved and scaled on their way into a file, and their lights.
 
 use glam::DQuat;
 use luxel_io::read_scene;
 
 use super::*;
+use crate::lights::tests::lamp_in_a_data_set;
 use crate::{Device, Renderer, Scene, SelectedEngine, Silent, synthetic};
 
 /// A turn about no axis of the world, another origin and another unit.
@@ -123,5 +124,66 @@ fn a_gain_of_the_scene_multiplies_every_pixel_of_linear_files() {
                 assert!((after - gain * before).abs() <= 1e-5 * gain * before, "{extension}, gain {gain}: {after} of {before}");
             }
         }
+    }
+}
+
+#[test]
+fn lights_are_where_the_splats_are_and_as_bright() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = DVec3::new(0.3, -0.2, 3.0);
+    let (scene, dataset) = lamp_in_a_data_set(place);
+    let mut engine = SelectedEngine::open(&Device::Cpu.into()).unwrap().engine;
+    let mut lit = |name: &str, exposure_ev: f32| {
+        let bake = Bake { exposure_ev, ..Bake::linear(ColorSpace::LinearRec709) };
+        let options =
+            ExportOptions { lights: Some(LightOptions::default()), crop: Some(CropBox::between([-9.0; 3], [9.0; 3])), ..options(bake) };
+        let path = folder.path().join(name);
+        let exported = export(scene.clone(), &path, &options, Some(&dataset), engine.as_mut(), &Silent).unwrap();
+        (std::fs::read(&path).unwrap(), exported)
+    };
+    let (bytes, exported) = lit("a.usda", 0.0);
+    let text = String::from_utf8(bytes).unwrap();
+    assert_eq!(
+        exported.lights.as_ref().map(|lights| (lights.lamps, lights.map.clone())),
+        Some((1, Some(folder.path().join("a_dome.exr"))))
+    );
+    assert!(folder.path().join("a_dome.exr").is_file() && text.contains("@@@./a_dome.exr@@@") && text.contains("metersPerUnit = 0.2\n"));
+    let after = |text: &str, name: &str| text.split(name).nth(1).unwrap().split('\n').next().unwrap().to_owned();
+    let numbers = |text: &str| {
+        let numbers = text.split(|c: char| !"0123456789.-e".contains(c)).filter(|word| !word.is_empty());
+        numbers.map(|word| word.parse().unwrap()).collect::<Vec<f64>>()
+    };
+    let matrix = numbers(&after(&text, "matrix4d xformOp:transform ="));
+    let expected = exported.file_from_world.point(place);
+    assert!(DVec3::new(matrix[12], matrix[13], matrix[14]).distance(expected) < 2e-3, "{matrix:?} {expected}");
+    // Its size is 2.5 times that in the scene; a stop doubles its radiance.
+    let values = |text: &str| ["float inputs:radius =", "float inputs:intensity ="].map(|name| numbers(&after(text, name))[0]);
+    let [radius, intensity] = values(&text);
+    assert!((0.1..0.5).contains(&(radius / 2.5)), "{radius}");
+    let (brighter, _) = lit("b.usda", 1.0);
+    let [same, doubled] = values(&String::from_utf8(brighter).unwrap());
+    assert!((same / radius - 1.0).abs() < 1e-4 && (doubled / intensity - 2.0).abs() < 1e-4, "{same} {doubled} {radius} {intensity}");
+    let (package, exported) = lit("c.usdz", 0.0);
+    assert_eq!(exported.lights.and_then(|lights| lights.map), None);
+    assert!(package.windows(15).any(|bytes| bytes == b"lights_dome.exr") && !folder.path().join("c_dome.exr").exists());
+    let (glb, _) = lit("d.glb", 0.0);
+    assert!(glb.windows(19).any(|bytes| bytes == b"KHR_lights_punctual") && folder.path().join("d_dome.exr").is_file());
+}
+
+#[test]
+fn lights_need_views_and_a_format_that_holds_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut engine = SelectedEngine::open(&Device::Cpu.into()).unwrap().engine;
+    let options = ExportOptions { lights: Some(LightOptions::default()), ..ExportOptions::default() };
+    let mut error = |name: &str| {
+        let scene = synthetic::room(30, 1).into_core();
+        export(scene, &folder.path().join(name), &options, None, engine.as_mut(), &Silent).unwrap_err()
+    };
+    let without_views = error("a.usdc");
+    assert!(without_views.to_string().starts_with("no cameras: lamps are measured"), "{without_views}");
+    assert!(crate::remedy_of(&without_views).is_some_and(|remedy| remedy.to_string().contains("data")));
+    for name in ["a.ply", "a.spz", "a.sog"] {
+        let error = error(name).to_string();
+        assert!(error.ends_with("hold no lights, expected .usda, .usd, .usdc, .usdz or .glb"), "{error}");
     }
 }

@@ -42,6 +42,15 @@ pub(super) struct Emitter {
 }
 
 impl Emitter {
+    /// Returns a group of splats, whose light is among that of all splats.
+    pub(super) fn new(scene: &Scene, mut splats: Vec<u32>, light: &[f64], link: f64) -> Self {
+        splats.sort_unstable();
+        let weights: Vec<f64> = splats.iter().map(|i| light[*i as usize]).collect();
+        let whole: f64 = weights.iter().sum();
+        let middle = splats.iter().zip(&weights).map(|(i, weight)| place(scene, *i) * *weight).sum::<DVec3>() / whole;
+        Self { splats, weights, middle, link }
+    }
+
     /// Returns the light that the group adds to the images.
     pub(super) fn weight(&self) -> f64 {
         self.weights.iter().sum()
@@ -86,14 +95,22 @@ fn median(views: &[SeenView], value: impl Fn(&[f32; 3]) -> f32) -> f32 {
     *lit.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
-/// Finds the groups, strongest first; `engine` holds the scene.
-pub(super) fn emitters(
+/// The splats that shine.
+pub(super) struct Shining {
+    /// Their numbers, ascending.
+    pub(super) splats: Vec<usize>,
+    /// The light that each splat of the scene adds to the images.
+    pub(super) light: Vec<f64>,
+}
+
+/// Finds the splats that pixels above a luminance are lit by; `engine` holds the scene.
+pub(super) fn shining(
     scene: &Scene,
     views: &[SeenView],
     threshold: f32,
     options: &RenderOptions,
     engine: &mut dyn Engine,
-) -> Result<Vec<Emitter>> {
+) -> Result<Shining> {
     let mut sums = [const { Vec::new() }; 3];
     sums.iter_mut().for_each(|sum: &mut Vec<f64>| sum.resize(scene.splats.len(), 0.0));
     for SeenView { camera, image } in views {
@@ -109,13 +126,16 @@ pub(super) fn emitters(
     }
     let [masked, blended, light] = sums;
     let shines = |i: &usize| light[*i] > 0.0 && masked[*i] > f64::from(LEAST_SHARE) * blended[*i];
-    let shining: Vec<usize> = (0..scene.splats.len()).filter(shines).collect();
-    let link = LINK_PX * pixel_size(scene, views, &shining);
-    Ok(groups(scene, &shining, &light, link))
+    Ok(Shining { splats: (0..scene.splats.len()).filter(shines).collect(), light })
+}
+
+/// Divides shining splats into groups of neighbours, strongest first.
+pub(super) fn emitters(scene: &Scene, views: &[SeenView], shining: &Shining) -> Vec<Emitter> {
+    groups(scene, &shining.splats, &shining.light, LINK_PX * pixel_size(scene, views, &shining.splats))
 }
 
 /// Returns the median size of a pixel at the depth of the splats.
-fn pixel_size(scene: &Scene, views: &[SeenView], splats: &[usize]) -> f64 {
+pub(super) fn pixel_size(scene: &Scene, views: &[SeenView], splats: &[usize]) -> f64 {
     let middle = splats.iter().map(|i| place(scene, *i as u32)).sum::<DVec3>() / splats.len().max(1) as f64;
     let mut sizes: Vec<f64> = views.iter().map(|SeenView { camera, .. }| camera.eye().distance(middle) / camera.focal_px.x).collect();
     sizes.sort_by(f64::total_cmp);
@@ -145,11 +165,7 @@ fn groups(scene: &Scene, splats: &[usize], light: &[f64], link: f64) -> Vec<Emit
                 }
             }
         }
-        group.sort_unstable();
-        let weights: Vec<f64> = group.iter().map(|i| light[*i as usize]).collect();
-        let whole: f64 = weights.iter().sum();
-        let middle = group.iter().zip(&weights).map(|(i, weight)| place(scene, *i) * *weight).sum::<DVec3>() / whole;
-        found.push(Emitter { splats: group, weights, middle, link });
+        found.push(Emitter::new(scene, group, light, link));
     }
     found.sort_by(|a, b| b.weight().total_cmp(&a.weight()));
     let least = LEAST_PART * found.first().map_or(0.0, Emitter::weight);

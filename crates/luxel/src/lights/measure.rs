@@ -83,7 +83,7 @@ fn sample(camera: &Camera, image: &Image, emitter: &Emitter) -> Sample {
 }
 
 /// Returns the solid angle of a pixel.
-fn solid_angle(camera: &Camera, [x, y]: [usize; 2]) -> f64 {
+pub(super) fn solid_angle(camera: &Camera, [x, y]: [usize; 2]) -> f64 {
     let at = |dx: f64, dy: f64| camera.unproject(DVec2::new(x as f64 + dx, y as f64 + dy)).map(DVec3::normalize);
     match (at(0.0, 0.5), at(1.0, 0.5), at(0.5, 0.0), at(0.5, 1.0)) {
         (Some(left), Some(right), Some(top), Some(bottom)) => (right - left).cross(bottom - top).length(),

@@ -6,64 +6,72 @@
 //! brighter than [`LightOptions::medians`] times the scene's median. Its power is fitted to what
 //! all cameras that see it get from it, not read off one map: cameras measure light in directions
 //! that training knows, and Lambert's law takes it to the others. What has no clear shape, or is so
-//! far that the cameras see it from one side only, stays in the map.
+//! far that the cameras see it from one side only, stays in the map. Windows are fainter and
+//! larger, and found by their own threshold; they become rectangles, or portals of the map.
 //!
 //! Degenerate: a scene of even light has no lamps; its map holds all of its light. Mirrors show
 //! lamps that are not there, where they seem to be.
 
 mod emitters;
+mod find;
 mod fit;
 mod measure;
 mod table;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
+mod windows;
 
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
-use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Engine, Scene, View};
-use luxel_io::{ExrSample, IoError, LightShape, StageDome, StageLight, StageLights, write_atomically, write_lights};
+use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Engine, Remedy, Scene, Similarity, View};
+use luxel_io::{ExrSample, IoError, LightShape, StageDome, StageLight, StageLights, StagePortal, write_atomically, write_lights};
 
-use self::emitters::{Emitter, SeenView};
-use self::fit::{Distribution, Fit, Sample};
+use self::emitters::SeenView;
+use self::find::{Lamps, find};
 pub use self::table::{lights_csv, lights_json};
 use crate::error::{Context, ensure};
 use crate::export::{Up, UpAxis, file_from_world, with_at_most};
 use crate::probe::{Probe, ProbeOptions, Surroundings, probe_in};
-use crate::run::FrameProgress;
-use crate::{Observer, Result, text};
+use crate::{Error, Observer, Result};
 
 /// Views that are looked at, at an even stride, and pixels of each.
 const MOST_VIEWS: usize = 64;
 const MOST_PIXELS: u64 = 1 << 18;
-/// Relative error of a fit from which on a lamp has no clear shape.
-const UNCLEAR: f64 = 0.5;
-/// Least number of cameras that must see a lamp.
-const LEAST_CAMERAS: usize = 2;
-/// A lamp that all cameras see within this angle is too far to be placed.
-const LEAST_PARALLAX_DEG: f64 = 2.0;
-/// Length over width from which on a flat lamp is a rectangle.
-const LEAST_ASPECT: f64 = 1.6;
-/// Weaker lamps than this part of the strongest stay in the map.
-const LEAST_PART: f64 = 1e-3;
 
 /// How lamps are found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightOptions {
     /// A pixel shows a lamp if it is this many times as bright as the median.
     pub medians: f64,
+    /// Windows and other large flat parts of the scene are found if they are this many times as
+    /// bright as the median; `None` for none.
+    pub windows: Option<WindowOptions>,
     /// Most lamps; weaker ones stay in the map.
     pub most: usize,
     /// Primaries of radiance, linear.
     pub color_space: ColorSpace,
     /// The map of all other light; `None` for none.
     pub dome: Option<DomeOptions>,
+    /// Luminance of a unit of radiance, cd/m2; `None` where the data set is not calibrated. It is
+    /// stated in files and changes no number.
+    pub cd_m2_per_unit: Option<f64>,
 }
 
 impl Default for LightOptions {
     fn default() -> Self {
-        Self { medians: 100.0, most: 32, color_space: ColorSpace::LinearRec709, dome: Some(DomeOptions::default()) }
+        let dome = Some(DomeOptions::default());
+        Self { medians: 100.0, windows: None, most: 32, color_space: ColorSpace::LinearRec709, dome, cd_m2_per_unit: None }
     }
+}
+
+/// How windows are found, and what they become.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WindowOptions {
+    /// A pixel shows a window if it is this many times as bright as the median.
+    pub medians: f64,
+    /// Whether their light stays in the map, whose portals they are; else they are lamps.
+    pub are_portals: bool,
 }
 
 /// The map of all other light.
@@ -109,6 +117,16 @@ pub struct AreaLight {
     pub splats: usize,
 }
 
+/// An opening through which light of the map falls: a rectangle in the world, which helps a
+/// renderer to find that light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Portal {
+    /// Its middle.
+    pub middle: [f64; 3],
+    /// Its rectangle, whose normal is where the light goes; lengths in units of the world.
+    pub shape: LightShape,
+}
+
 /// The light of a scene.
 #[derive(Debug)]
 #[non_exhaustive]
@@ -119,12 +137,13 @@ pub struct SceneLights {
     pub dome: Option<Probe>,
     /// Part of the map's directions that no splat covers, solid angle over 4 pi.
     pub unseen_share: f64,
+    /// Openings through which light of the map falls.
+    pub portals: Vec<Portal>,
     /// Bright groups that stay in the map, with the reason.
     pub left_in_map: Vec<String>,
     /// Primaries of radiance.
     pub color_space: ColorSpace,
-    /// Luminance of a unit of radiance, cd/m2; `None` where the data set is not calibrated. It is
-    /// stated in files and changes no number.
+    /// [`LightOptions::cd_m2_per_unit`].
     pub cd_m2_per_unit: Option<f64>,
 }
 
@@ -139,11 +158,20 @@ pub fn scene_lights(
     engine: &mut dyn Engine,
     observer: &dyn Observer,
 ) -> Result<SceneLights> {
-    let local = dataset.in_frame(scene.world_from_local);
-    let views: &[View] = if local.train.is_empty() { &local.test } else { &local.train };
-    let cameras: Vec<Camera> = views.iter().map(|view| view.camera.clone()).collect();
     let surroundings = Surroundings::new(options.dome.map_or(Up::Default, |dome| dome.up), Some(dataset))?;
-    lights_seen_by(scene, &cameras, surroundings, options, engine, observer)
+    let local = dataset.in_frame(scene.world_from_local);
+    lights_seen_by(scene, &measuring_cameras(&local), surroundings, options, engine, observer)
+}
+
+/// Returns the cameras of a data set that lamps are measured from: those of its training views.
+pub(crate) fn measuring_cameras(dataset: &Dataset) -> Vec<Camera> {
+    let views: &[View] = if dataset.train.is_empty() { &dataset.test } else { &dataset.train };
+    views.iter().map(|view| view.camera.clone()).collect()
+}
+
+/// Returns the error of a scene without views.
+pub fn no_cameras() -> Error {
+    Error::new("no cameras: lamps are measured from the views of a data set").with_remedy(Remedy::give("data"))
 }
 
 /// Finds the lamps that cameras see, and renders the rest of the light. Cameras are in the scene's
@@ -164,15 +192,16 @@ pub fn lights_seen_by(
         "the scene has colours of a display and not radiance: its lamps are cut off at white; take a scene that Luxel trained on HDR images"
     );
     let cameras = reduced(cameras);
-    ensure!(!cameras.is_empty(), "no cameras: lamps are measured from the views of a data set");
+    if cameras.is_empty() {
+        return Err(no_cameras());
+    }
     let views = rendered(&scene, &cameras, engine)?;
-    let (found, left_in_map) = find(&scene, &views, options, engine, observer)?;
-    let lights = found.iter().map(|found| in_world(found, &scene, options.color_space)).collect();
-    let mut result =
-        SceneLights { lights, dome: None, unseen_share: 0.0, left_in_map, color_space: options.color_space, cd_m2_per_unit: None };
+    let Lamps { lights, splats, portals, left_in_map } = find(&scene, &views, options, engine, observer)?;
+    let LightOptions { color_space, cd_m2_per_unit, .. } = *options;
+    let mut result = SceneLights { lights, dome: None, unseen_share: 0.0, portals, left_in_map, color_space, cd_m2_per_unit };
     if let Some(dome) = &options.dome {
-        for i in found.iter().flat_map(|found| &found.emitter.splats) {
-            scene.splats.scale_gain(*i as usize, 0.0);
+        for i in splats {
+            scene.splats.scale_gain(i as usize, 0.0);
         }
         let at = dome.at.unwrap_or_else(|| scene.world_from_local.point(between(&cameras)).to_array());
         let map = ProbeOptions {
@@ -220,40 +249,32 @@ impl SceneLights {
             Some("csv") => lights_csv(self),
             _ => {
                 let texture = self.dome.as_ref().and(map.file_name()).map(|name| format!("./{}", name.to_string_lossy()));
-                return Ok(write_lights(path, &self.stage(texture.as_deref(), up, dataset)?)?);
+                let stage_from_world = file_from_world(up, UpAxis::PlusY, Some(dataset), 1.0)?;
+                return Ok(write_lights(path, &self.stage(texture.as_deref(), &stage_from_world, dataset.metres_per_unit))?);
             }
         };
         write_atomically(path, |file| file.write_all(text.as_bytes()).map_err(|e| IoError::system(path, "write", &e)))?;
         Ok(())
     }
 
-    /// Returns the lights in the stage that `luxel export` puts the scene into: +y is up, lengths
-    /// are the data set's. `dome` is the path of the map from the layer's folder.
-    ///
-    /// # Errors
-    /// An axis that is no unit vector.
-    pub fn stage(&self, dome: Option<&str>, up: Up, dataset: &Dataset) -> Result<StageLights> {
-        let stage_from_world = file_from_world(up, UpAxis::PlusY, Some(dataset), 1.0)?.rotation();
-        let lights = self.lights.iter().map(|light| StageLight {
-            middle: stage_from_world * DVec3::from_array(light.middle),
-            shape: light.shape.turned(stage_from_world),
-            radiance: light.radiance,
-        });
-        Ok(StageLights {
-            lights: lights.collect(),
+    /// Returns the lights in the coordinates of a file in which +y is up and a unit has
+    /// `metres_per_unit`. `dome` is the path of the map, whose axes are the file's, from the file's
+    /// folder.
+    pub fn stage(&self, dome: Option<&str>, file_from_world: &Similarity, metres_per_unit: Option<f64>) -> StageLights {
+        let (rotation, scale) = (file_from_world.rotation(), file_from_world.scale());
+        let point = |middle: [f64; 3]| file_from_world.point(DVec3::from_array(middle));
+        let placed = |shape: LightShape| shape.turned(rotation).scaled(scale);
+        let light = |light: &AreaLight| StageLight { middle: point(light.middle), shape: placed(light.shape), radiance: light.radiance };
+        let portal = |portal: &Portal| StagePortal { middle: point(portal.middle), shape: placed(portal.shape) };
+        StageLights {
+            lights: self.lights.iter().map(light).collect(),
             dome: dome.map(|texture| StageDome { texture: texture.to_owned() }),
-            metres_per_unit: dataset.metres_per_unit,
+            portals: self.portals.iter().map(portal).collect(),
+            metres_per_unit,
             cd_m2_per_unit: self.cd_m2_per_unit,
             color_space: self.color_space,
-        })
+        }
     }
-}
-
-/// A lamp as it is found, local coordinates of the scene and normalised radiance.
-struct Found {
-    emitter: Emitter,
-    fit: Fit,
-    cameras: usize,
 }
 
 /// Returns cameras at an even stride, reduced to a size that lamps are measured at.
@@ -271,108 +292,6 @@ fn rendered(scene: &Scene, cameras: &[Camera], engine: &mut dyn Engine) -> Resul
         Ok(SeenView { camera: camera.clone(), image })
     };
     cameras.iter().map(seen).collect()
-}
-
-/// Finds lamps, strongest first, and what stays in the map; `engine` holds the scene.
-fn find(
-    scene: &Scene,
-    views: &[SeenView],
-    options: &LightOptions,
-    engine: &mut dyn Engine,
-    observer: &dyn Observer,
-) -> Result<(Vec<Found>, Vec<String>)> {
-    let render = scene.render_options();
-    let threshold = emitters::threshold(views, options.medians);
-    let groups = emitters::emitters(scene, views, threshold, &render, engine)?;
-    let black = luxel_core::RenderOptions { background: [0.0; 3], ..render };
-    let (mut found, mut left) = (Vec::new(), Vec::new());
-    let mut progress = FrameProgress { observer, done: 0, total: groups.len() as u32 };
-    for emitter in groups {
-        let samples = measure::samples(scene, &emitter, views, &black, engine)?;
-        progress.add(&format!("lamp {}", progress.done + 1), Vec::new());
-        match clear(&samples) {
-            Ok(fit) => found.push(Found { cameras: samples.len(), emitter, fit }),
-            Err(why) => left.push(format!("{} around {}: {why}", text::plural(emitter.splats.len(), "splat"), place(scene, &emitter))),
-        }
-    }
-    let strength = |found: &Found| found.fit.intensity.iter().sum::<f64>();
-    found.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
-    let least = LEAST_PART * found.first().map_or(0.0, strength);
-    found.retain(|one| strength(one) >= least);
-    found.truncate(options.most);
-    Ok((found, left))
-}
-
-/// Returns a group's middle in words, world coordinates.
-fn place(scene: &Scene, emitter: &Emitter) -> String {
-    scene.world_from_local.point(emitter.middle).to_array().map(|v| format!("{v:.3}")).join(",")
-}
-
-/// Returns the fit of a lamp that can be placed and has a clear shape, or why it has none.
-fn clear(samples: &[Sample]) -> std::result::Result<Fit, String> {
-    if samples.len() < LEAST_CAMERAS {
-        return Err(format!("seen whole by {} of the cameras, expected {LEAST_CAMERAS} or more", samples.len()));
-    }
-    let mean = samples.iter().map(|sample| sample.towards).sum::<DVec3>().normalize_or_zero();
-    let angle = samples.iter().map(|sample| sample.towards.dot(mean).clamp(-1.0, 1.0).acos().to_degrees()).fold(0.0, f64::max);
-    if angle < LEAST_PARALLAX_DEG {
-        return Err(format!("all cameras see it within {angle:.1} degrees of one direction, too few to place it"));
-    }
-    match fit::fit(samples) {
-        Some(fit) if fit.error <= UNCLEAR => Ok(fit),
-        Some(fit) => Err(format!("its light differs from camera to camera by {:.0} %, as that of reflections does", 100.0 * fit.error)),
-        None => Err("no light towards any camera".to_owned()),
-    }
-}
-
-/// Returns a lamp in the world, in the units of the data set.
-fn in_world(found: &Found, scene: &Scene, color_space: ColorSpace) -> AreaLight {
-    let Found { emitter, fit, cameras } = found;
-    let frame = &scene.world_from_local;
-    let area = fit.area * frame.scale() * frame.scale();
-    let conversion = Conversion::between(scene.color_space, color_space);
-    let radiance = fit.intensity.map(|i| (i / fit.area) as f32);
-    let radiance = conversion.apply(scene.radiance_scale.restored(radiance)).map(f64::from);
-    let shape = match fit.distribution {
-        Distribution::Ball => LightShape::Sphere { radius: (area / std::f64::consts::PI).sqrt() },
-        Distribution::Flat(normal) => flat_shape(emitter, scene, normal, area),
-    };
-    let intensity = radiance.map(|l| l * area);
-    let solid_angle = match shape {
-        LightShape::Sphere { .. } => 4.0 * std::f64::consts::PI,
-        _ => std::f64::consts::PI,
-    };
-    AreaLight {
-        middle: frame.point(emitter.middle).to_array(),
-        shape,
-        radiance,
-        intensity,
-        power: intensity.map(|i| solid_angle * i),
-        error: fit.error,
-        cameras: *cameras,
-        splats: emitter.splats.len(),
-    }
-}
-
-/// Returns the disc of an area (world), or the rectangle of it along the group's longer axis.
-fn flat_shape(emitter: &Emitter, scene: &Scene, normal: DVec3, area: f64) -> LightShape {
-    let side = normal.any_orthonormal_vector();
-    let other = normal.cross(side);
-    let [mut xx, mut xy, mut yy] = [0.0; 3];
-    for (p, weight) in emitter.placed(scene) {
-        let (x, y) = ((p - emitter.middle).dot(side), (p - emitter.middle).dot(other));
-        (xx, xy, yy) = (xx + weight * x * x, xy + weight * x * y, yy + weight * y * y);
-    }
-    let (mean, half) = (0.5 * (xx + yy), (0.25 * (xx - yy).powi(2) + xy * xy).sqrt());
-    let aspect = ((mean + half) / (mean - half).max(1e-6 * mean)).sqrt();
-    let turn = scene.world_from_local.rotation();
-    let normal = turn * normal;
-    if !(LEAST_ASPECT..1e3).contains(&aspect) {
-        return LightShape::Disk { radius: (area / std::f64::consts::PI).sqrt(), normal };
-    }
-    let (sin, cos) = (0.5 * (2.0 * xy).atan2(xx - yy)).sin_cos();
-    let along = turn * (cos * side + sin * other);
-    LightShape::Rect { size: [(area * aspect).sqrt(), (area / aspect).sqrt()], normal, along }
 }
 
 /// Returns a point halfway between the cameras and what they look at: the point nearest to all of

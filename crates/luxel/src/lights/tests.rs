@@ -1,7 +1,8 @@
 use glam::DAffine3;
 
-use luxel_core::{ColorModel, SH_OFFSET, Splat, Splats, logit, sh};
+use luxel_core::{ColorModel, Image, SH_OFFSET, Splat, Splats, logit, sh};
 use luxel_cpu::CpuEngine;
+use luxel_io::{MemoryDataset, MemoryView};
 
 use super::*;
 use crate::Silent;
@@ -49,11 +50,28 @@ fn arc() -> Vec<Camera> {
     (-4..=4).map(turned).collect()
 }
 
+/// A scene with a lamp at a place 3 in front of its cameras, in a data set of theirs.
+pub(crate) fn lamp_in_a_data_set(place: DVec3) -> (Scene, Dataset) {
+    let views = |cameras: Vec<Camera>| {
+        let view = |(i, camera): (usize, Camera)| {
+            let image = Image::filled(96, 96, [1.0; 3]);
+            MemoryView { name: format!("images/{i}"), camera, image, mask: None, is_test: false }
+        };
+        cameras.into_iter().enumerate().map(view).collect::<Vec<_>>()
+    };
+    let parts = MemoryDataset { views: views(arc()), ..MemoryDataset::default() };
+    let dataset = crate::Dataset::from_memory(parts).unwrap().into_core();
+    (scene(|splats| add(splats, place, 0.08, LAMP)), dataset)
+}
+
 fn found(scene: &Scene) -> (Vec<AreaLight>, Vec<String>) {
+    let Lamps { lights, left_in_map, .. } = found_with(scene, &LightOptions::default());
+    (lights, left_in_map)
+}
+
+fn found_with(scene: &Scene, options: &LightOptions) -> Lamps {
     let mut engine = CpuEngine::new(1).unwrap();
-    let (found, left) =
-        find(scene, &rendered(scene, &arc(), &mut engine).unwrap(), &LightOptions::default(), &mut engine, &Silent).unwrap();
-    (found.iter().map(|found| in_world(found, scene, ColorSpace::LinearRec709)).collect(), left)
+    find(scene, &rendered(scene, &arc(), &mut engine).unwrap(), options, &mut engine, &Silent).unwrap()
 }
 
 #[test]
@@ -111,10 +129,77 @@ fn the_map_is_between_the_cameras_and_what_they_look_at() {
 #[test]
 fn tables_have_a_row_for_each_lamp() {
     let (lights, left_in_map) = found(&scene(|splats| add(splats, DVec3::new(0.0, 0.0, 3.0), 0.1, LAMP)));
-    let lights =
-        SceneLights { lights, dome: None, unseen_share: 0.0, left_in_map, color_space: ColorSpace::LinearRec709, cd_m2_per_unit: None };
+    let shape = LightShape::Rect { size: [2.0, 1.0], normal: DVec3::Z, along: DVec3::X };
+    let portals = vec![Portal { middle: [1.0, 2.0, 3.0], shape }];
+    let color_space = ColorSpace::LinearRec709;
+    let lights = SceneLights { lights, dome: None, unseen_share: 0.0, portals, left_in_map, color_space, cd_m2_per_unit: None };
     let table = lights_csv(&lights);
     let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
-    assert!(rows.len() == 2 && rows[0].len() == rows[1].len() && rows[1][1] == "sphere", "{table}");
-    assert_eq!(lights_json(&lights)[0]["cameras"], 9);
+    assert!(rows.iter().all(|row| row.len() == rows[0].len()), "{table}");
+    assert_eq!([rows[1][1], rows[2][1], rows[2][8], rows[2][10]], ["sphere", "portal", "2", ""], "{table}");
+    let json = lights_json(&lights);
+    assert_eq!((&json[0]["cameras"], &json[1]["shape"], &json[1]["size"]), (&9.into(), &"portal".into(), &serde_json::json!([2.0, 1.0])));
+}
+
+/// A lit sheet of 1.6 x 1, 3 in front of the cameras: between lamps and the wall in radiance.
+fn window(splats: &mut Splats) {
+    sheet(splats, DVec3::new(0.2, 0.1, 3.0), [0.8 * DVec3::X, 0.5 * DVec3::Y], 12, [4.0, 5.0, 6.0]);
+}
+
+#[test]
+fn a_window_is_a_rectangle_with_the_radiance_that_cameras_see() {
+    let scene = scene(|splats| {
+        window(splats);
+        add(splats, DVec3::new(-1.2, 0.3, 2.8), 0.05, LAMP);
+    });
+    assert_eq!(found(&scene).0.len(), 1, "not brighter than 100 medians");
+    let options = LightOptions { windows: Some(WindowOptions { medians: 10.0, are_portals: false }), ..LightOptions::default() };
+    let Lamps { lights, splats, left_in_map, .. } = found_with(&scene, &options);
+    let [window, lamp] = &lights[..] else { panic!("{lights:?} {left_in_map:?}") };
+    assert!(matches!(lamp.shape, LightShape::Sphere { .. }) && splats.len() > 100, "{lamp:?}");
+    let LightShape::Rect { size, normal, along } = window.shape else { panic!("{window:?}") };
+    assert!(DVec3::from_array(window.middle).distance(DVec3::new(0.2, 0.1, 3.0)) < 0.02, "{window:?}");
+    assert!(normal.distance(DVec3::NEG_Z) < 0.02 && along.cross(normal).length() > 0.99, "{window:?}");
+    // The splats at its edge reach half a step beyond it.
+    let mut sides = size;
+    sides.sort_by(f64::total_cmp);
+    assert!((0.95..1.2).contains(&sides[0]) && (1.55..1.8).contains(&sides[1]), "{size:?}");
+    let expected = f64::from(scene.radiance_scale.restored_value(5.0));
+    assert!((window.radiance[1] / expected - 1.0).abs() < 0.12 && window.error < 0.05 && window.cameras == 9, "{window:?} {expected}");
+    assert!((window.radiance[0] / window.radiance[2] - 4.0 / 6.0).abs() < 0.01, "{window:?}");
+}
+
+#[test]
+fn a_portal_leaves_the_windows_light_in_the_map() {
+    let options = LightOptions { windows: Some(WindowOptions { medians: 10.0, are_portals: true }), ..LightOptions::default() };
+    let Lamps { lights, splats, portals, .. } = found_with(&scene(window), &options);
+    assert_eq!((lights.len(), splats.len(), portals.len()), (0, 0, 1));
+    let none = found_with(&scene(|splats| add(splats, DVec3::new(0.0, 0.0, 3.0), 0.08, LAMP)), &options);
+    assert_eq!((none.lights.len(), none.portals.len()), (1, 0), "a lamp is no window: {:?}", none.left_in_map);
+}
+
+#[test]
+fn the_lit_part_of_a_surface_is_no_window() {
+    let options = LightOptions { windows: Some(WindowOptions { medians: 10.0, are_portals: false }), ..LightOptions::default() };
+    let pool = scene(|splats| {
+        sheet(splats, DVec3::new(0.0, 0.0, 3.4), [1.2 * DVec3::X, 1.2 * DVec3::Y], 18, [2.4; 3]);
+        sheet(splats, DVec3::new(0.0, 0.0, 3.3), [0.6 * DVec3::X, 0.6 * DVec3::Y], 10, [5.0; 3]);
+    });
+    let medians = |medians: f64| LightOptions { windows: Some(WindowOptions { medians, are_portals: false }), ..options };
+    let Lamps { lights, left_in_map, .. } = found_with(&pool, &medians(20.0));
+    assert!(lights.is_empty() && left_in_map[0].contains("as on a lit surface"), "{lights:?} {left_in_map:?}");
+    // The whole of it ends at the dark wall.
+    assert_eq!(found_with(&pool, &medians(5.0)).lights.len(), 1);
+}
+
+#[test]
+fn bent_light_is_no_window() {
+    let options = LightOptions { windows: Some(WindowOptions { medians: 10.0, are_portals: false }), ..LightOptions::default() };
+    // Two sheets at a right angle, which touch.
+    let bent = scene(|splats| {
+        sheet(splats, DVec3::new(0.0, 0.0, 3.4), [0.5 * DVec3::X, 0.5 * DVec3::Y], 10, [5.0; 3]);
+        sheet(splats, DVec3::new(-0.5, 0.0, 2.9), [0.5 * DVec3::Z, 0.5 * DVec3::Y], 10, [5.0; 3]);
+    });
+    let Lamps { lights, left_in_map, .. } = found_with(&bent, &options);
+    assert!(lights.is_empty() && left_in_map[0].contains("no window: it is not flat"), "{lights:?} {left_in_map:?}");
 }

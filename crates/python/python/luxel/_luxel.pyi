@@ -218,6 +218,7 @@ class Scene:
         rotation: ArrayLike | None = None,
         scale: float = 1.0,
         metres_per_unit: float | None = None,
+        lights: bool = False,
         device: str = "auto",
     ) -> dict[str, Any]: ...
     def probe(
@@ -239,6 +240,8 @@ class Scene:
         dataset: Dataset,
         *,
         medians: float = 100.0,
+        windows: float | None = None,
+        portals: bool = False,
         most: int = 32,
         map: bool = True,
         at: Sequence[float] | None = None,

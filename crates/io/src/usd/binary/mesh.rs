@@ -49,7 +49,7 @@ fn write_behind_header<W: Write>(mesh: &MeshFile<'_>, mut file: CrateWriter<W>) 
         FieldValue::new("apiSchemas", file.prepended_tokens(&["ColorSpaceAPI"])?),
         FieldValue::new("properties", file.token_vector(&names)?),
     ];
-    file.prim(&fields);
+    file.prim(PRIM, 0, &fields);
     let rows = |block: &mut Vec<u8>, row: [f32; 3]| block.extend(row.iter().flat_map(|v| v.to_le_bytes()));
     let (vertices, triangles) = (mesh.positions.len(), mesh.triangles.len());
     for name in names {
@@ -77,5 +77,5 @@ fn write_behind_header<W: Write>(mesh: &MeshFile<'_>, mut file: CrateWriter<W>) 
         };
         file.attribute(name, type_name, form, value);
     }
-    file.finish(PRIM)
+    file.finish()
 }

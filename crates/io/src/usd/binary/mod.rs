@@ -1,5 +1,5 @@
 //! OpenUSD's binary form (crate files, `.usdc`) and packages (`.usdz`): the parts of them that
-//! splats, meshes and cameras need.
+//! splats, meshes, lights and cameras need.
 //!
 //! A file has tables of tokens, strings, fields, sets of fields, paths and specs, each compressed,
 //! and values in between, which fields point to. Written is version 0.8.0, which OpenUSD reads
@@ -11,6 +11,7 @@
 
 mod cameras;
 mod integers;
+mod lights;
 mod mesh;
 mod numbers;
 mod package;
@@ -21,7 +22,7 @@ mod writer;
 
 pub(super) use cameras::read_cameras;
 pub(super) use mesh::write_mesh;
-pub(super) use package::{layer_in_package, write_package};
+pub(super) use package::{PackagePart, layer_in_package, write_package};
 pub(super) use splats::{read, write};
 
 /// First bytes of a crate file.
@@ -41,6 +42,7 @@ mod kind {
     pub(super) const DOUBLE: u8 = 9;
     pub(super) const STRING: u8 = 10;
     pub(super) const TOKEN: u8 = 11;
+    pub(super) const ASSET_PATH: u8 = 12;
     pub(super) const MATRIX4D: u8 = 15;
     pub(super) const QUATD: u8 = 16;
     pub(super) const QUATF: u8 = 17;
@@ -50,6 +52,7 @@ mod kind {
     pub(super) const VEC3H: u8 = 25;
     pub(super) const DICTIONARY: u8 = 31;
     pub(super) const TOKEN_LIST_OP: u8 = 32;
+    pub(super) const PATH_LIST_OP: u8 = 34;
     pub(super) const TOKEN_VECTOR: u8 = 41;
     pub(super) const SPECIFIER: u8 = 42;
     pub(super) const VARIABILITY: u8 = 44;
@@ -63,6 +66,7 @@ mod spec {
     pub(super) const ATTRIBUTE: u32 = 1;
     pub(super) const PRIM: u32 = 6;
     pub(super) const PSEUDO_ROOT: u32 = 7;
+    pub(super) const RELATIONSHIP: u32 = 8;
 }
 
 /// A value's type with its bits, or where they are.

@@ -43,32 +43,46 @@ impl Write for Sums {
     }
 }
 
-/// Writes a package with one layer of this name, which `layer` writes, the same each time.
-pub(in crate::usd) fn write_package(out: &mut dyn Write, name: &str, layer: impl Fn(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
-    let mut sums = Sums { digest: CRC.digest(), length: 0 };
-    layer(&mut sums)?;
+/// A file of a package.
+pub(in crate::usd) struct PackagePart<'a> {
+    pub(in crate::usd) name: &'a str,
+    /// Writes the file, the same each time.
+    pub(in crate::usd) write: &'a dyn Fn(&mut dyn Write) -> io::Result<()>,
+}
+
+/// Writes a package; its first file is the scene.
+pub(in crate::usd) fn write_package(out: &mut dyn Write, parts: &[PackagePart<'_>]) -> io::Result<()> {
     let too_large = |_| io::Error::other("a package holds at most 4 GiB; write .usdc");
-    let size = u32::try_from(sums.length).map_err(too_large)?;
-
-    let behind_name = LOCAL_BYTES + name.len() + 4;
-    let padding = behind_name.next_multiple_of(ALIGNMENT) - behind_name;
-    let sizes = [sums.digest.finalize(), size, size].map(u32::to_le_bytes).concat();
     let common = [0u16, 0, 0, DATE].map(u16::to_le_bytes).concat();
-    let lengths = |extra: usize| [name.len(), extra].map(|length| (length as u16).to_le_bytes()).concat();
-    let mut local = [&LOCAL.to_le_bytes()[..], &VERSION.to_le_bytes(), &common, &sizes, &lengths(4 + padding), name.as_bytes()].concat();
-    local.extend(PADDING.to_le_bytes());
-    local.extend((padding as u16).to_le_bytes());
-    local.resize(behind_name + padding, 0);
-    out.write_all(&local)?;
-    layer(out)?;
+    let (mut at, mut directory) = (0u64, Vec::new());
+    for PackagePart { name, write } in parts {
+        let mut sums = Sums { digest: CRC.digest(), length: 0 };
+        write(&mut sums)?;
+        let size = u32::try_from(sums.length).map_err(too_large)?;
+        let header_at = u32::try_from(at).map_err(too_large)?;
+        let behind_name = LOCAL_BYTES + name.len() + 4;
+        let padding = (at as usize + behind_name).next_multiple_of(ALIGNMENT) - (at as usize + behind_name);
+        let sizes = [sums.digest.finalize(), size, size].map(u32::to_le_bytes).concat();
+        let lengths = |extra: usize| [name.len(), extra].map(|length| (length as u16).to_le_bytes()).concat();
+        let mut local =
+            [&LOCAL.to_le_bytes()[..], &VERSION.to_le_bytes(), &common, &sizes, &lengths(4 + padding), name.as_bytes()].concat();
+        local.extend(PADDING.to_le_bytes());
+        local.extend((padding as u16).to_le_bytes());
+        local.resize(behind_name + padding, 0);
+        out.write_all(&local)?;
+        write(out)?;
+        at += local.len() as u64 + u64::from(size);
 
-    let versions = [VERSION; 2].map(u16::to_le_bytes).concat();
-    let entry = [&ENTRY.to_le_bytes()[..], &versions, &common, &sizes, &lengths(0), &[0; 14], name.as_bytes()].concat();
-    out.write_all(&entry)?;
-    let directory_at = u32::try_from(local.len() as u64 + u64::from(size)).map_err(too_large)?;
+        let versions = [VERSION; 2].map(u16::to_le_bytes).concat();
+        directory.extend([&ENTRY.to_le_bytes()[..], &versions, &common, &sizes, &lengths(0), &[0; 10]].concat());
+        directory.extend(header_at.to_le_bytes());
+        directory.extend(name.as_bytes());
+    }
+    out.write_all(&directory)?;
+    let count = parts.len() as u16;
     let mut end = END.to_le_bytes().to_vec();
-    end.extend([0u16, 0, 1, 1].map(u16::to_le_bytes).concat());
-    end.extend([entry.len() as u32, directory_at].map(u32::to_le_bytes).concat());
+    end.extend([0, 0, count, count].map(u16::to_le_bytes).concat());
+    end.extend([directory.len() as u32, u32::try_from(at).map_err(too_large)?].map(u32::to_le_bytes).concat());
     end.extend(0u16.to_le_bytes());
     out.write_all(&end)
 }

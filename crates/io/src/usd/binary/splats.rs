@@ -6,36 +6,65 @@ use std::io::{self, Write};
 use glam::DVec3;
 
 use super::cameras::{CLASS, around, take_transform};
+use super::lights::write_lights;
 use super::reader::CrateReader;
 use super::tables::Spec;
 use super::writer::{CrateWriter, FieldValue, Form};
 use super::{kind, spec};
 use crate::bake::{Appearance, BakeRecord, Baked, RECORD_KEY};
 use crate::joined::MAX_PARTS;
+use crate::lights::{LIGHTS, StageLights};
 use crate::usd::cameras::{OPERATION, Transform};
 use crate::usd::field::{Field, is_read};
 use crate::usd::shown::{Hidden, INSTANCER, Unshown};
 use crate::usd::writer::{Prim, StageFacts, extent};
-use crate::usd::{DISPLAY_SPACE, GAIN, ORDER, PRIM_TYPE, TRAINED, TRANSLATE, color_space_named, usd_name};
+use crate::usd::{DISPLAY_SPACE, GAIN, ORDER, PRIM_TYPE, SCENE, SPLATS, TRAINED, TRANSLATE, color_space_named, usd_name};
 
 /// Writes a bake as a crate file. What is in the header depends on what is behind it, which is
 /// therefore made twice.
-pub(in crate::usd) fn write(baked: &Baked, out: &mut dyn Write) -> io::Result<()> {
-    let header = write_behind_header(baked, CrateWriter::new(io::sink()))?;
+pub(in crate::usd) fn write(baked: &Baked, lights: Option<&StageLights>, out: &mut dyn Write) -> io::Result<()> {
+    let header = write_behind_header(baked, lights, CrateWriter::new(io::sink()))?;
     out.write_all(&header)?;
-    write_behind_header(baked, CrateWriter::new(out)).map(drop)
+    write_behind_header(baked, lights, CrateWriter::new(out)).map(drop)
 }
 
 /// Writes values and tables; returns the header.
-fn write_behind_header<W: Write>(baked: &Baked, mut file: CrateWriter<W>) -> io::Result<Vec<u8>> {
-    let splats = &baked.scene.splats;
+fn write_behind_header<W: Write>(baked: &Baked, lights: Option<&StageLights>, mut file: CrateWriter<W>) -> io::Result<Vec<u8>> {
     let record = BakeRecord::from_bake(baked).json()?;
+    let StageFacts { metres, documentation } = StageFacts::new(baked);
+    let top = if lights.is_some() { SCENE } else { SPLATS };
+    let root = [
+        FieldValue::new("customLayerData", file.dictionary(RECORD_KEY, &record)?),
+        FieldValue::new("defaultPrim", file.token(top)),
+        FieldValue::new("documentation", file.string(&documentation)),
+        FieldValue::new("metersPerUnit", file.double(metres)?),
+        FieldValue::new("upAxis", file.token("Y")),
+        FieldValue::new("primChildren", file.token_vector(&[top])?),
+    ];
+    file.root(&root);
+    if let Some(lights) = lights {
+        let fields = [
+            FieldValue::definition(),
+            FieldValue::new("typeName", file.token("Xform")),
+            FieldValue::new("primChildren", file.token_vector(&[SPLATS, LIGHTS])?),
+        ];
+        file.prim(SCENE, 0, &fields);
+        write_splats(baked, 1, &mut file)?;
+        write_lights(lights, 1, &mut file)?;
+    } else {
+        write_splats(baked, 0, &mut file)?;
+    }
+    file.finish()
+}
+
+/// Writes the prim of the splats, with `depth` prims around it.
+fn write_splats<W: Write>(baked: &Baked, depth: usize, file: &mut CrateWriter<W>) -> io::Result<()> {
+    let splats = &baked.scene.splats;
     let space = match baked.appearance {
         Appearance::Linear { .. } => usd_name(baked.scene.color_space),
         Appearance::Display { .. } => DISPLAY_SPACE,
     };
     let is_moved = baked.origin_in_file() != DVec3::ZERO;
-    let StageFacts { metres, documentation } = StageFacts::new(baked);
     let prim = Prim::new(splats);
     let is_written = |name: &&str| match *name {
         TRANSLATE | ORDER => is_moved,
@@ -43,23 +72,13 @@ fn write_behind_header<W: Write>(baked: &Baked, mut file: CrateWriter<W>) -> io:
         _ => true,
     };
     let names: Vec<&str> = NAMES.iter().copied().filter(is_written).collect();
-
-    let root = [
-        FieldValue::new("customLayerData", file.dictionary(RECORD_KEY, &record)?),
-        FieldValue::new("defaultPrim", file.token("Splats")),
-        FieldValue::new("documentation", file.string(&documentation)),
-        FieldValue::new("metersPerUnit", file.double(metres)?),
-        FieldValue::new("upAxis", file.token("Y")),
-        FieldValue::new("primChildren", file.token_vector(&["Splats"])?),
-    ];
-    file.root(&root);
     let fields = [
         FieldValue::definition(),
         FieldValue::new("typeName", file.token(PRIM_TYPE)),
         FieldValue::new("apiSchemas", file.prepended_tokens(&["ColorSpaceAPI"])?),
         FieldValue::new("properties", file.token_vector(&names)?),
     ];
-    file.prim(&fields);
+    file.prim(SPLATS, depth, &fields);
 
     for name in names {
         let rows = |block: &mut Vec<u8>, row: &[f32]| block.extend(row.iter().flat_map(|v| v.to_le_bytes()));
@@ -97,7 +116,7 @@ fn write_behind_header<W: Write>(baked: &Baked, mut file: CrateWriter<W>) -> io:
         };
         file.attribute(name, type_name, form, value);
     }
-    file.finish("Splats")
+    Ok(())
 }
 
 /// Attributes of the prim, in the order of their specs.

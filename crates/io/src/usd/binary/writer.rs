@@ -13,7 +13,8 @@ const VERSION: [u8; 3] = [0, 8, 0];
 const BLOCK: usize = 1 << 20;
 /// Ends a set of fields.
 const END_OF_SET: u32 = u32::MAX;
-/// Steps from a path to the next one: to its child, nothing more, or its sibling.
+/// Steps from a path to the next one: to its child, nothing more, or its sibling. A path with both
+/// has the distance of its sibling, and its child behind it.
 const CHILD_ONLY: u32 = -1i32 as u32;
 const NOTHING: u32 = -2i32 as u32;
 const SIBLING: u32 = 0;
@@ -51,7 +52,16 @@ struct Spec {
     kind: u32,
 }
 
-/// A crate file that is being written: the root, one prim, and its attributes.
+/// A prim or a property, in the order of their specs: each prim, its properties, then the prims
+/// within it.
+struct Node {
+    name: String,
+    /// Number of prims around it.
+    depth: usize,
+    is_property: bool,
+}
+
+/// A crate file that is being written: the root, and prims with their properties.
 pub(super) struct CrateWriter<W> {
     out: W,
     at: u64,
@@ -60,8 +70,7 @@ pub(super) struct CrateWriter<W> {
     fields: Table<Field>,
     sets: Vec<u32>,
     specs: Vec<Spec>,
-    /// Names of the attributes, in the order of their specs.
-    attributes: Vec<String>,
+    nodes: Vec<Node>,
 }
 
 /// A kind of attribute.
@@ -74,6 +83,8 @@ pub(super) enum Form {
     PerVertex,
     /// One of no schema.
     Custom,
+    /// A colour of the schema, in the space of this name.
+    ColorOf(&'static str),
 }
 
 /// A field of a spec.
@@ -96,7 +107,7 @@ impl<W: Write> CrateWriter<W> {
             fields: Table::new(),
             sets: Vec::new(),
             specs: Vec::new(),
-            attributes: Vec::new(),
+            nodes: Vec::new(),
         }
     }
 
@@ -140,6 +151,30 @@ impl<W: Write> CrateWriter<W> {
         let at = self.at;
         self.write(&value.to_le_bytes())?;
         Ok(ValueRep::at(kind::DOUBLE, at))
+    }
+
+    /// Returns the value of a number that 32 bits hold.
+    pub(super) fn float(&self, value: f32) -> ValueRep {
+        ValueRep::inlined(kind::FLOAT, value.to_bits())
+    }
+
+    /// Returns the value of a path to another file.
+    pub(super) fn asset(&mut self, path: &str) -> ValueRep {
+        ValueRep::inlined(kind::ASSET_PATH, self.tokens.number(path.to_owned()))
+    }
+
+    /// Writes three numbers of 32 bits and returns their value.
+    pub(super) fn vec3f(&mut self, value: [f32; 3]) -> io::Result<ValueRep> {
+        let at = self.at;
+        self.write(&value.map(f32::to_le_bytes).concat())?;
+        Ok(ValueRep::at(kind::VEC3F, at))
+    }
+
+    /// Writes a matrix by rows and returns its value.
+    pub(super) fn matrix4d(&mut self, rows: &[[f64; 4]; 4]) -> io::Result<ValueRep> {
+        let at = self.at;
+        self.write(&rows.as_flattened().iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>())?;
+        Ok(ValueRep::at(kind::MATRIX4D, at))
     }
 
     /// Writes three numbers and returns their value.
@@ -223,7 +258,7 @@ impl<W: Write> CrateWriter<W> {
         Ok(ValueRep::array_at(kind, at))
     }
 
-    /// Adds a spec: first that of the root, then that of the prim.
+    /// Adds a spec: first that of the root, then those of prims and properties.
     fn spec(&mut self, kind: u32, fields: &[FieldValue]) {
         let fields_at = self.sets.len() as u32;
         for field in fields {
@@ -240,12 +275,28 @@ impl<W: Write> CrateWriter<W> {
         self.spec(spec::PSEUDO_ROOT, fields);
     }
 
-    /// Adds the prim.
-    pub(super) fn prim(&mut self, fields: &[FieldValue]) {
+    /// Adds a prim with `depth` prims around it, the last ones that were added, and returns the
+    /// number of its path.
+    pub(super) fn prim(&mut self, name: &str, depth: usize, fields: &[FieldValue]) -> u32 {
+        self.nodes.push(Node { name: name.to_owned(), depth, is_property: false });
         self.spec(spec::PRIM, fields);
+        self.nodes.len() as u32
     }
 
-    /// Adds an attribute of the prim.
+    /// Adds a relationship of the last prim, which has no prims within it yet, to paths by number.
+    pub(super) fn relationship(&mut self, name: &str, targets: &[u32]) -> io::Result<()> {
+        const IS_EXPLICIT: u8 = 1;
+        const HAS_EXPLICIT: u8 = 1 << 1;
+        let at = self.at;
+        self.write(&[IS_EXPLICIT | HAS_EXPLICIT])?;
+        self.write(&counted(targets.len(), targets.iter().flat_map(|path| path.to_le_bytes())))?;
+        let variability = FieldValue::new("variability", ValueRep::inlined(kind::VARIABILITY, 1));
+        self.property(name);
+        self.spec(spec::RELATIONSHIP, &[variability, FieldValue::new("targetPaths", ValueRep::at(kind::PATH_LIST_OP, at))]);
+        Ok(())
+    }
+
+    /// Adds an attribute of the last prim, which has no prims within it yet.
     pub(super) fn attribute(&mut self, name: &str, kind: &str, form: Form, value: ValueRep) {
         let mut fields = vec![FieldValue::new("typeName", self.token(kind))];
         match form {
@@ -253,16 +304,23 @@ impl<W: Write> CrateWriter<W> {
             Form::Uniform => fields.push(FieldValue::new("variability", ValueRep::inlined(kind::VARIABILITY, 1))),
             Form::PerVertex => fields.push(FieldValue::new("interpolation", self.token("vertex"))),
             Form::Custom => fields.push(FieldValue::new("custom", ValueRep::inlined(kind::BOOL, 1))),
+            Form::ColorOf(space) => fields.push(FieldValue::new("colorSpace", self.token(space))),
         }
         fields.push(FieldValue::new("default", value));
-        self.attributes.push(name.to_owned());
+        self.property(name);
         self.spec(spec::ATTRIBUTE, &fields);
     }
 
+    /// Adds the path of a property of the last prim.
+    fn property(&mut self, name: &str) {
+        let depth = self.nodes.iter().rev().find(|node| !node.is_property).map_or(0, |prim| prim.depth + 1);
+        self.nodes.push(Node { name: name.to_owned(), depth, is_property: true });
+    }
+
     /// Writes the tables and returns the header, which comes before all else.
-    pub(super) fn finish(mut self, prim: &str) -> io::Result<Vec<u8>> {
+    pub(super) fn finish(mut self) -> io::Result<Vec<u8>> {
         let mut contents = Vec::new();
-        let paths = self.paths(prim);
+        let paths = self.paths();
         let tables: [(&str, Vec<u8>); 6] = [
             ("TOKENS", tokens_table(&self.tokens.items)),
             ("STRINGS", counted(self.strings.len(), self.strings.iter().flat_map(|token| token.to_le_bytes()))),
@@ -290,16 +348,27 @@ impl<W: Write> CrateWriter<W> {
         Ok(header)
     }
 
-    /// Returns the table of paths: the root, the prim, and its attributes one after the other.
-    fn paths(&mut self, prim: &str) -> Vec<u8> {
-        let prim_token = self.tokens.number(prim.to_owned());
-        let names: Vec<u32> = self.attributes.clone().into_iter().map(|name| self.tokens.number(name)).collect();
-        let count = 2 + names.len();
+    /// Returns the table of paths: the root, then prims and properties, each with the step to what
+    /// follows it.
+    fn paths(&mut self) -> Vec<u8> {
+        let nodes = std::mem::take(&mut self.nodes);
+        let count = 1 + nodes.len();
         let numbers: Vec<u32> = (0..count as u32).collect();
-        let mut elements = vec![0, prim_token];
-        elements.extend(names.iter().map(|name| name.wrapping_neg()));
-        let mut steps = vec![CHILD_ONLY, if names.is_empty() { NOTHING } else { CHILD_ONLY }];
-        steps.extend((0..names.len()).map(|i| if i + 1 < names.len() { SIBLING } else { NOTHING }));
+        let (mut elements, mut steps) = (vec![0], vec![if nodes.is_empty() { NOTHING } else { CHILD_ONLY }]);
+        for (i, node) in nodes.iter().enumerate() {
+            let token = self.tokens.number(node.name.clone());
+            elements.push(if node.is_property { token.wrapping_neg() } else { token });
+            let behind = &nodes[i + 1..];
+            let has_child = behind.first().is_some_and(|next| next.depth > node.depth);
+            // The first that is not within it, unless it is outside of what is around both.
+            let sibling = behind.iter().position(|next| next.depth <= node.depth).filter(|at| behind[*at].depth == node.depth);
+            steps.push(match (has_child, sibling) {
+                (true, Some(at)) => at as u32 + 1,
+                (true, None) => CHILD_ONLY,
+                (false, Some(_)) => SIBLING,
+                (false, None) => NOTHING,
+            });
+        }
         let mut table = (count as u64).to_le_bytes().to_vec();
         table.extend(integers_table(count, &[&numbers, &elements, &steps]));
         table

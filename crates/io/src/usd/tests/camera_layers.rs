@@ -25,7 +25,8 @@ fn cameras_of_binary_files_and_packages_are_those_of_text() {
     // The operations of the prims around are left out.
     assert_eq!(binary.cameras[1].at(None).unwrap().eye, DVec3::new(7.0, 8.0, 9.0));
     let mut package = Vec::new();
-    binary::write_package(&mut package, "cameras.usdc", |out| out.write_all(&unhex(BINARY))).unwrap();
+    let part = binary::PackagePart { name: "cameras.usdc", write: &|out| out.write_all(&unhex(BINARY)) };
+    binary::write_package(&mut package, &[part]).unwrap();
     assert_eq!(decode_usd_cameras(name(), &package).unwrap(), text);
 }
 

@@ -1,0 +1,195 @@
+//! The search for windows and lamps, and what is found in the coordinates of the world.
+//!
+//! In: a scene and renders of its training views. Out: lamps, strongest first, with their splats.
+//! Windows are looked for first, so that their brightest splats are no lamps.
+
+use glam::DVec3;
+use luxel_core::{ColorSpace, Conversion, Engine, RenderOptions, Scene};
+use luxel_io::LightShape;
+
+use super::emitters::{self, Emitter, SeenView};
+use super::fit::{self, Distribution, Fit, Sample};
+use super::windows::{self, Rectangle, Window};
+use super::{AreaLight, LightOptions, Portal, measure};
+use crate::run::FrameProgress;
+use crate::{Observer, Result, text};
+
+/// Relative error of a fit from which on a lamp has no clear shape.
+const UNCLEAR: f64 = 0.5;
+/// Least number of cameras that must see a lamp.
+pub(super) const LEAST_CAMERAS: usize = 2;
+/// A lamp that all cameras see within this angle is too far to be placed.
+pub(super) const LEAST_PARALLAX_DEG: f64 = 2.0;
+/// Length over width from which on a flat lamp is a rectangle.
+const LEAST_ASPECT: f64 = 1.6;
+/// Weaker lamps than this part of the strongest stay in the map.
+const LEAST_PART: f64 = 1e-3;
+
+/// A lamp as it is found, local coordinates of the scene and normalised radiance.
+struct Found {
+    emitter: Emitter,
+    fit: Fit,
+    cameras: usize,
+}
+
+/// The lamps and portals of a scene, in the world.
+pub(super) struct Lamps {
+    /// Strongest first.
+    pub(super) lights: Vec<AreaLight>,
+    /// Their splats.
+    pub(super) splats: Vec<u32>,
+    pub(super) portals: Vec<Portal>,
+    /// Bright groups that stay in the map, with the reason.
+    pub(super) left_in_map: Vec<String>,
+}
+
+/// Finds windows, lamps, and what stays in the map; `engine` holds the scene.
+pub(super) fn find(
+    scene: &Scene,
+    views: &[SeenView],
+    options: &LightOptions,
+    engine: &mut dyn Engine,
+    observer: &dyn Observer,
+) -> Result<Lamps> {
+    let render = scene.render_options();
+    let black = RenderOptions { background: [0.0; 3], ..render };
+    let mut shining = emitters::shining(scene, views, emitters::threshold(views, options.medians), &render, engine)?;
+    let (mut found, mut left_in_map, mut portals, mut refused) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    if let Some(wanted) = options.windows {
+        let bright = emitters::shining(scene, views, emitters::threshold(views, wanted.medians), &render, engine)?;
+        let (windows, others) = windows::windows(scene, views, &bright, &black, engine)?;
+        refused = others;
+        for window in windows {
+            shining.splats.retain(|i| window.splats.binary_search(&(*i as u32)).is_err());
+            let light = window_in_world(&window, scene, options.color_space);
+            if wanted.are_portals {
+                portals.push(Portal { middle: light.middle, shape: light.shape });
+            } else {
+                found.push((light, window.splats));
+            }
+        }
+    }
+    let groups = emitters::emitters(scene, views, &shining);
+    let mut progress = FrameProgress { observer, done: 0, total: groups.len() as u32 };
+    for emitter in groups {
+        let samples = measure::samples(scene, &emitter, views, &black, engine)?;
+        progress.add(&format!("lamp {}", progress.done + 1), Vec::new());
+        match clear(&samples) {
+            Ok(fit) => {
+                let one = Found { cameras: samples.len(), emitter, fit };
+                found.push((in_world(&one, scene, options.color_space), one.emitter.splats));
+            }
+            Err(why) => {
+                left_in_map.push(format!("{} around {}: {why}", text::plural(emitter.splats.len(), "splat"), place(scene, &emitter)));
+            }
+        }
+    }
+    let strength = |light: &AreaLight| light.intensity.iter().sum::<f64>();
+    found.sort_by(|(a, _), (b, _)| strength(b).total_cmp(&strength(a)));
+    let least = LEAST_PART * found.first().map_or(0.0, |(light, _)| strength(light));
+    found.retain(|(light, _)| strength(light) >= least);
+    found.truncate(options.most);
+    let (lights, splats): (Vec<_>, Vec<_>) = found.into_iter().unzip();
+    let splats: Vec<u32> = splats.concat();
+    // Lamps are no windows, and not in the map.
+    refused.retain(|group| !splats.iter().any(|i| group.splats.binary_search(i).is_ok()));
+    left_in_map.extend(refused.into_iter().map(|group| group.reason));
+    Ok(Lamps { lights, splats, portals, left_in_map })
+}
+
+/// Returns a group's middle in words, world coordinates.
+pub(super) fn place(scene: &Scene, emitter: &Emitter) -> String {
+    scene.world_from_local.point(emitter.middle).to_array().map(|v| format!("{v:.3}")).join(",")
+}
+
+/// Returns the fit of a lamp that can be placed and has a clear shape, or why it has none.
+fn clear(samples: &[Sample]) -> std::result::Result<Fit, String> {
+    if samples.len() < LEAST_CAMERAS {
+        return Err(format!("seen whole by {} of the cameras, expected {LEAST_CAMERAS} or more", samples.len()));
+    }
+    let angle = widest_angle_deg(&samples.iter().map(|sample| sample.towards).collect::<Vec<_>>());
+    if angle < LEAST_PARALLAX_DEG {
+        return Err(format!("all cameras see it within {angle:.1} degrees of one direction, too few to place it"));
+    }
+    match fit::fit(samples) {
+        Some(fit) if fit.error <= UNCLEAR => Ok(fit),
+        Some(fit) => Err(format!("its light differs from camera to camera by {:.0} %, as that of reflections does", 100.0 * fit.error)),
+        None => Err("no light towards any camera".to_owned()),
+    }
+}
+
+/// Returns the largest angle to the mean of directions, degrees.
+pub(super) fn widest_angle_deg(directions: &[DVec3]) -> f64 {
+    let mean = directions.iter().sum::<DVec3>().normalize_or_zero();
+    directions.iter().map(|direction| direction.dot(mean).clamp(-1.0, 1.0).acos().to_degrees()).fold(0.0, f64::max)
+}
+
+/// Returns a window as a lamp in the world, in the units of the data set.
+fn window_in_world(window: &Window, scene: &Scene, color_space: ColorSpace) -> AreaLight {
+    let (frame, Rectangle { middle, normal, along, size }) = (&scene.world_from_local, window.rectangle);
+    let turn = frame.rotation();
+    let shape = LightShape::Rect { size: size.map(|side| frame.scale() * side), normal: turn * normal, along: turn * along };
+    let conversion = Conversion::between(scene.color_space, color_space);
+    let radiance = conversion.apply(scene.radiance_scale.restored(window.radiance.map(|l| l as f32))).map(f64::from);
+    let intensity = radiance.map(|l| l * shape.area());
+    AreaLight {
+        middle: frame.point(middle).to_array(),
+        shape,
+        radiance,
+        intensity,
+        power: intensity.map(|i| std::f64::consts::PI * i),
+        error: window.error,
+        cameras: window.cameras,
+        splats: window.splats.len(),
+    }
+}
+
+/// Returns a lamp in the world, in the units of the data set.
+fn in_world(found: &Found, scene: &Scene, color_space: ColorSpace) -> AreaLight {
+    let Found { emitter, fit, cameras } = found;
+    let frame = &scene.world_from_local;
+    let area = fit.area * frame.scale() * frame.scale();
+    let conversion = Conversion::between(scene.color_space, color_space);
+    let radiance = fit.intensity.map(|i| (i / fit.area) as f32);
+    let radiance = conversion.apply(scene.radiance_scale.restored(radiance)).map(f64::from);
+    let shape = match fit.distribution {
+        Distribution::Ball => LightShape::Sphere { radius: (area / std::f64::consts::PI).sqrt() },
+        Distribution::Flat(normal) => flat_shape(emitter, scene, normal, area),
+    };
+    let intensity = radiance.map(|l| l * area);
+    let solid_angle = match shape {
+        LightShape::Sphere { .. } => 4.0 * std::f64::consts::PI,
+        _ => std::f64::consts::PI,
+    };
+    AreaLight {
+        middle: frame.point(emitter.middle).to_array(),
+        shape,
+        radiance,
+        intensity,
+        power: intensity.map(|i| solid_angle * i),
+        error: fit.error,
+        cameras: *cameras,
+        splats: emitter.splats.len(),
+    }
+}
+
+/// Returns the disc of an area (world), or the rectangle of it along the group's longer axis.
+fn flat_shape(emitter: &Emitter, scene: &Scene, normal: DVec3, area: f64) -> LightShape {
+    let side = normal.any_orthonormal_vector();
+    let other = normal.cross(side);
+    let [mut xx, mut xy, mut yy] = [0.0; 3];
+    for (p, weight) in emitter.placed(scene) {
+        let (x, y) = ((p - emitter.middle).dot(side), (p - emitter.middle).dot(other));
+        (xx, xy, yy) = (xx + weight * x * x, xy + weight * x * y, yy + weight * y * y);
+    }
+    let (mean, half) = (0.5 * (xx + yy), (0.25 * (xx - yy).powi(2) + xy * xy).sqrt());
+    let aspect = ((mean + half) / (mean - half).max(1e-6 * mean)).sqrt();
+    let turn = scene.world_from_local.rotation();
+    let normal = turn * normal;
+    if !(LEAST_ASPECT..1e3).contains(&aspect) {
+        return LightShape::Disk { radius: (area / std::f64::consts::PI).sqrt(), normal };
+    }
+    let (sin, cos) = (0.5 * (2.0 * xy).atan2(xx - yy)).sin_cos();
+    let along = turn * (cos * side + sin * other);
+    LightShape::Rect { size: [(area * aspect).sqrt(), (area / aspect).sqrt()], normal, along }
+}
