@@ -51,3 +51,21 @@ export function ball(levels, material) {
   };
   return { json, binary: Buffer.concat([positions, indices]) };
 }
+
+/** Rectangles, each a corner and two sides from it. */
+export function rectangles(list) {
+  const points = list.flatMap(([corner, a, b]) => [[0, 0], [1, 0], [1, 1], [0, 1]].flatMap(([u, v]) => corner.map((x, i) => x + u * a[i] + v * b[i])));
+  const faces = list.flatMap((_, i) => [0, 1, 2, 0, 2, 3].map((n) => 4 * i + n));
+  const [positions, indices] = [Buffer.from(Float32Array.from(points).buffer), Buffer.from(Uint16Array.from(faces).buffer)];
+  const json = {
+    asset: { version: "2.0" },
+    scene: 0,
+    scenes: [{ nodes: [0] }],
+    nodes: [{ mesh: 0 }],
+    meshes: [{ primitives: [{ attributes: { POSITION: 0 }, indices: 1 }] }],
+    accessors: [{ bufferView: 0, componentType: 5126, count: points.length / 3, type: "VEC3" }, { bufferView: 1, componentType: 5123, count: faces.length, type: "SCALAR" }],
+    bufferViews: [{ buffer: 0, byteOffset: 0, byteLength: positions.length }, { buffer: 0, byteOffset: positions.length, byteLength: indices.length }],
+    buffers: [{ byteLength: positions.length + indices.length }],
+  };
+  return glb(json, Buffer.concat([positions, indices]));
+}

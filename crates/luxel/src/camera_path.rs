@@ -350,5 +350,11 @@ pub fn resized(camera: &Camera, size_px: [u32; 2]) -> Resized {
     Resized { camera: Camera { focal_px: camera.focal_px * scale, center_px: center, size_px, ..camera.clone() }, cropped }
 }
 
+/// Returns a camera reduced by a whole factor, so that it has at most this many pixels.
+pub(crate) fn with_at_most(camera: &Camera, pixels: u64) -> Camera {
+    let reduced = |factor: u32| camera.size_px.map(|side| u64::from(side / factor)).iter().product::<u64>();
+    camera.downscaled((1..).find(|factor| reduced(*factor) <= pixels).unwrap_or(1))
+}
+
 #[cfg(test)]
 mod tests;

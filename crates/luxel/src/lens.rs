@@ -9,7 +9,7 @@ use luxel_core::{Camera, CameraProjection, Dataset, Distortion, Fisheye, MAX_FIS
 
 use crate::Result;
 use crate::error::ensure;
-use crate::export::{Up, UpAxis, file_from_world};
+use crate::up::{Up, UpAxis, file_from_world};
 
 /// The kind of a lens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

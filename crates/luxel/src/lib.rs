@@ -96,6 +96,7 @@ pub mod study;
 pub mod synthetic;
 pub mod text;
 mod training;
+mod up;
 
 /// Vectors and matrices of cameras, similarities and lamps.
 pub use glam;

@@ -13,11 +13,11 @@ use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Engine, Image, Layers,
 use luxel_io::{ExrOptions, ExrSample};
 
 use crate::error::Context;
-use crate::export::{Up, UpAxis, file_from_world};
 use crate::preview::{self, Look};
 use crate::radiance::RADIANCE_SCALE;
 use crate::run::FrameProgress;
 use crate::sight::sight;
+use crate::up::{Up, UpAxis, file_from_world};
 use crate::{Observer, Renderer, Result, output, text};
 
 /// Options of a probe.

@@ -14,7 +14,7 @@ use luxel_io::{PathCamera, StageCameras, StageChoice, StageMotion};
 
 use crate::Result;
 use crate::error::Context;
-use crate::export::{Up, UpAxis, file_from_world};
+use crate::up::{Up, UpAxis, file_from_world};
 
 /// The stage of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]

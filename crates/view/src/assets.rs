@@ -63,6 +63,7 @@ pub(crate) const ASSETS: &[(&str, Asset)] = &[
     script!("object/lamps.js"),
     script!("object/mesh.js"),
     script!("object/placed.js"),
+    script!("object/proxy.js"),
     script!("object/raster.js"),
     script!("object/shading.js"),
     script!("object/shadow.js"),

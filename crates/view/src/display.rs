@@ -5,18 +5,15 @@
 
 use bytes::Bytes;
 use half::f16;
-use hyper::StatusCode;
 use luxel::display_lut::{DisplayLut, HIGH_LOG2, LOW_LOG2, SIDE};
 use serde::Serialize;
-
-use crate::answer::{Answer, Failure};
-use crate::house::House;
 
 /// A table for the page.
 #[derive(Clone, Debug)]
 pub(crate) struct ShownDisplay {
     pub(crate) facts: DisplayFacts,
-    body: Bytes,
+    /// The code values.
+    pub(crate) body: Bytes,
 }
 
 /// Facts about a table, as `/api/scene` gives them.
@@ -37,11 +34,4 @@ impl ShownDisplay {
         let [display, view] = [lut.display(), lut.view()].map(str::to_owned);
         Self { facts: DisplayFacts { display, view, side: SIDE, range_log2: [LOW_LOG2, HIGH_LOG2] }, body: body.into() }
     }
-}
-
-/// Answers with the code values.
-pub(crate) fn answer(house: &House) -> Result<Answer, Failure> {
-    let missing = || Failure::new(StatusCode::NOT_FOUND, "this viewer has no display of OpenColorIO");
-    let display = house.subject.display.as_ref().ok_or_else(missing)?;
-    Ok(Answer::new("application/octet-stream", display.body.clone()))
 }

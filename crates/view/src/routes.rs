@@ -12,7 +12,7 @@ use crate::answer::{Answer, Failure};
 use crate::house::House;
 use crate::query::Query;
 use crate::splats::{Precision, body_bytes};
-use crate::{assets, display, downloads, environment, lamps, paths, pictures, stills, thumbnail};
+use crate::{assets, downloads, environment, lamps, paths, pictures, stills, thumbnail};
 
 /// Answers a request.
 pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, mut query: Query, body: Bytes) -> Result<Answer, Failure> {
@@ -48,7 +48,8 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, mut 
         "/api/still.png" if is_get => stills::answer(house, &mut query).await,
         _ if path.starts_with("/api/environment") => environment::answer(house, method, path, &mut query).await,
         "/api/lamps" => lamps::answer(house, method, &mut query).await,
-        "/api/display" if is_get => display::answer(house),
+        "/api/display" if is_get => display(house),
+        "/api/mesh" if is_get => mesh(house),
         "/api/truth" if is_get => pictures::truth(house, &mut query).await,
         "/api/thumbnail" if is_get => thumbnail::answer(house, &mut query).await,
         _ => match (path.strip_prefix("/page/"), path.strip_prefix("/api/training/")) {
@@ -89,6 +90,19 @@ fn scene(house: &House) -> Result<Answer, Failure> {
         fields.insert("luxel_version".into(), luxel::VERSION.into());
     }
     Answer::json(&schema::VIEW.versioned(content))
+}
+
+/// Answers with the table of a display.
+fn display(house: &House) -> Result<Answer, Failure> {
+    let missing = || Failure::new(StatusCode::NOT_FOUND, "this viewer has no display of OpenColorIO");
+    let display = house.subject.display.as_ref().ok_or_else(missing)?;
+    Ok(Answer::new("application/octet-stream", display.body.clone()))
+}
+
+/// Answers with the proxy mesh.
+fn mesh(house: &House) -> Result<Answer, Failure> {
+    let missing = || Failure::new(StatusCode::NOT_FOUND, "this viewer has no proxy mesh");
+    Ok(Answer::new("model/gltf-binary", house.subject.mesh.clone().ok_or_else(missing)?))
 }
 
 /// Notes what the page asks of the training.

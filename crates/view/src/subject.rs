@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
 
+use bytes::Bytes;
 use glam::{DMat3, DVec3};
 use luxel::display_lut::DisplayLut;
 use luxel::export::{Up, UpAxis, file_from_world};
@@ -39,8 +40,12 @@ pub struct Subject {
     pub(crate) folder: Option<Folder>,
     /// The same as the user named it.
     pub(crate) given_folder: PathBuf,
+    /// A proxy mesh in binary glTF, if the page is to have one.
+    pub(crate) mesh: Option<Bytes>,
     /// A display of OpenColorIO, if the page is to have one.
     pub(crate) display: Option<ShownDisplay>,
+    /// From the axes of exported glTF to the world.
+    world_from_file: DMat3,
     /// From each scene's local coordinates to the world; the first is that of the subject.
     world_from_local: Vec<Similarity>,
 }
@@ -55,6 +60,13 @@ pub(crate) struct Shown {
     /// Radiance; `None` for captured LDR values.
     pub(crate) truth: Option<OnDemand<Image>>,
     pub(crate) mask: Option<OnDemand<Mask>>,
+}
+
+/// Facts about a proxy mesh.
+#[derive(Clone, Debug, Serialize)]
+struct MeshFacts {
+    /// Rows of the turn from the file's axes to the world.
+    world_from_file: [[f64; 3]; 3],
 }
 
 /// Facts about a scene, as `/api/scene` gives them.
@@ -83,6 +95,8 @@ pub(crate) struct Facts {
     cd_m2_per_unit: Option<f64>,
     /// Length of a world unit in metres; `None` where nothing tells.
     metres_per_unit: Option<f64>,
+    /// A proxy mesh.
+    mesh: Option<MeshFacts>,
     /// A display of OpenColorIO.
     display: Option<DisplayFacts>,
     /// From the coordinates that the splats are held in to the world, for a page that renders by
@@ -137,6 +151,7 @@ impl Subject {
     /// A data set whose cameras have no up direction that can be used.
     pub fn new(name: impl Into<String>, scene: &Scene, dataset: Option<&Dataset>) -> Result<Self> {
         let world_from_local = scene.world_from_local;
+        let world_from_file = file_from_world(Up::Default, UpAxis::PlusY, dataset, 1.0)?.rotation().transpose();
         let dataset = dataset.map(|dataset| dataset.in_frame(world_from_local));
         let dataset = dataset.as_deref();
         let local_from_file = file_from_world(Up::Default, UpAxis::PlusY, dataset, 1.0)?.rotation().transpose();
@@ -157,6 +172,7 @@ impl Subject {
             up: (world_from_local.rotation() * (local_from_file * DVec3::Y)).to_array(),
             cd_m2_per_unit: None,
             metres_per_unit: scene.metres_per_unit,
+            mesh: None,
             display: None,
             world_from_local: FrameJson {
                 rotation: world_from_local.rotation().transpose().to_cols_array_2d(),
@@ -180,6 +196,8 @@ impl Subject {
             surroundings,
             folder: None,
             given_folder: PathBuf::new(),
+            mesh: None,
+            world_from_file,
             display: None,
             world_from_local: vec![world_from_local],
         })
@@ -205,6 +223,15 @@ impl Subject {
     pub fn with_cd_m2_per_unit(mut self, cd_m2_per_unit: Option<f64>) -> Self {
         self.facts.cd_m2_per_unit = cd_m2_per_unit;
         self
+    }
+
+    /// Lets the page walk on a proxy mesh: the content of a binary glTF file as `luxel mesh` writes
+    /// it of this scene.
+    #[must_use]
+    pub fn with_mesh(mut self, glb: Vec<u8>) -> Self {
+        // Rows.
+        self.facts.mesh = Some(MeshFacts { world_from_file: self.world_from_file.transpose().to_cols_array_2d() });
+        Self { mesh: Some(glb.into()), ..self }
     }
 
     /// Lets the page show the scene as a display of OpenColorIO does.

@@ -30,6 +30,10 @@ pub(crate) struct ViewArgs {
     /// wipe, difference. Both are held in memory, each in an engine of its own.
     #[arg(long, value_name = "RUN|SCENE")]
     pub(crate) with: Option<PathBuf>,
+    /// Proxy mesh of the scene, as `luxel mesh RUN -o proxy.glb` writes it: walking stays above its
+    /// floor and stops before its walls, and a double click finds the pivot on it.
+    #[arg(long, value_name = "FILE.glb")]
+    pub(crate) mesh: Option<PathBuf>,
     /// Print the address and open no browser.
     #[arg(long)]
     pub(crate) no_browser: bool,

@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use luxel::display_lut::DisplayLut;
 use luxel::prepare::cd_m2_per_unit;
 use luxel::run::ExplicitArgs;
@@ -28,6 +28,7 @@ pub(crate) fn run(args: &ViewArgs, explicit: &ExplicitArgs) -> Result<()> {
     if let Some(note) = display.as_ref().and_then(note_of_page) {
         console.note(&note);
     }
+    let mesh = args.mesh.as_deref().map(proxy_mesh).transpose()?;
     let source = SceneSource::open(&args.input.scene, &console)?;
     let dataset = dataset(args, explicit, &source, &console)?;
     let cd_m2_per_unit = source.cd_m2_per_unit(DataRequest::new(&args.input, explicit));
@@ -39,9 +40,24 @@ pub(crate) fn run(args: &ViewArgs, explicit: &ExplicitArgs) -> Result<()> {
     let subject =
         Subject::new(name(&args.input.scene), &scene, dataset.as_ref())?.saving_to(folder(&args.input.scene))?.opened_as(&args.input.scene);
     let subject = with_display(subject.with_cd_m2_per_unit(cd_m2_per_unit), display.as_ref(), scene.color_space)?;
+    let subject = match mesh {
+        Some(glb) => subject.with_mesh(glb),
+        None => subject,
+    };
     drop(dataset);
     announce(&viewer, !args.no_browser, &console)?;
     Ok(viewer.serve_beside(subject, scene, renderer, other.into_iter().collect(), interrupt::stop())?)
+}
+
+/// Reads a proxy mesh for the page.
+fn proxy_mesh(path: &Path) -> Result<Vec<u8>> {
+    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot read the mesh", path.display()))?;
+    anyhow::ensure!(
+        bytes.starts_with(b"glTF"),
+        "{}: expected a mesh in binary glTF; make one with luxel mesh RUN -o proxy.glb",
+        path.display()
+    );
+    Ok(bytes)
 }
 
 /// Gives the page the table of a display, if there is one.

@@ -8,7 +8,7 @@
 use glam::{DVec2, DVec3};
 use luxel_core::Dataset;
 
-use crate::export::up_of_cameras;
+use crate::up::up_of_cameras;
 
 /// Points further from the middle than so many times the median distance are far off.
 const FAR: f64 = 4.0;

@@ -29,13 +29,13 @@ pub use self::format::Format;
 use self::lights::FileLights;
 pub use self::lights::{ExportedLights, check_lights, exported_map};
 use self::refine::Refinement;
+pub(crate) use self::refine::check_refinement_room;
 pub use self::refine::{DEFAULT_REFINE_STEPS, write_with_refined_display};
-pub(crate) use self::refine::{check_refinement_room, with_at_most};
+pub use self::world::FileScale;
 use self::world::placement;
-pub(crate) use self::world::up_of_cameras;
-pub use self::world::{FileScale, Up, UpAxis, file_from_world};
 use crate::error::{Context, bail};
 use crate::lights::LightOptions;
+pub use crate::up::{Up, UpAxis, file_from_world};
 use crate::{Error, Observer, Remedy, Result, text};
 
 /// A box along the axes, corners included.

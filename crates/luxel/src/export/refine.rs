@@ -17,11 +17,12 @@ use std::path::Path;
 use std::time::Instant;
 
 use luxel_core::engine::{AdamBetas, CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
-use luxel_core::{Camera, ColorModel, Dataset, Engine, LossWeights, PixelValues, Scene, Similarity, Target, ToneCurve, View};
+use luxel_core::{ColorModel, Dataset, Engine, LossWeights, PixelValues, Scene, Similarity, Target, ToneCurve, View};
 use luxel_io::{Appearance, BakeOptions, Baked};
 
 use super::error::reference;
 use super::gain::{GainView, Gains, exposed};
+use crate::camera_path::with_at_most;
 use crate::error::Context;
 use crate::run::engine_bytes;
 use crate::{Event, Observer, Result, memory, text};
@@ -68,12 +69,6 @@ fn shown(dataset: &Dataset) -> &[View] {
 /// Returns a view without its image, whose camera has at most [`MOST_PIXELS`].
 fn reduced(view: &View) -> View {
     View { camera: with_at_most(&view.camera, MOST_PIXELS), ..view.clone() }
-}
-
-/// Returns a camera reduced by a whole factor, so that it has at most this many pixels.
-pub(crate) fn with_at_most(camera: &Camera, pixels: u64) -> Camera {
-    let reduced = |factor: u32| camera.size_px.map(|side| u64::from(side / factor)).iter().product::<u64>();
-    camera.downscaled((1..).find(|factor| reduced(*factor) <= pixels).unwrap_or(1))
 }
 
 /// Checks that there is memory for the largest parts of [`write_with_refined_display`] on a

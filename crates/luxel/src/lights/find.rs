@@ -9,6 +9,7 @@ use luxel_io::LightShape;
 
 use super::emitters::{self, Emitter, SeenView};
 use super::fit::{self, Distribution, Fit, Sample};
+use super::placing::{LEAST_CAMERAS, LEAST_PARALLAX_DEG, place, widest_angle_deg};
 use super::windows::{self, Rectangle, Window};
 use super::{AreaLight, LightOptions, Portal, measure};
 use crate::run::FrameProgress;
@@ -16,10 +17,6 @@ use crate::{Observer, Result, text};
 
 /// Relative error of a fit from which on a lamp has no clear shape.
 const UNCLEAR: f64 = 0.5;
-/// Least number of cameras that must see a lamp.
-pub(super) const LEAST_CAMERAS: usize = 2;
-/// A lamp that all cameras see within this angle is too far to be placed.
-pub(super) const LEAST_PARALLAX_DEG: f64 = 2.0;
 /// Length over width from which on a flat lamp is a rectangle.
 const LEAST_ASPECT: f64 = 1.6;
 /// Weaker lamps than this part of the strongest stay in the map.
@@ -97,11 +94,6 @@ pub(super) fn find(
     Ok(Lamps { lights, splats, portals, left_in_map })
 }
 
-/// Returns a group's middle in words, world coordinates.
-pub(super) fn place(scene: &Scene, emitter: &Emitter) -> String {
-    scene.world_from_local.point(emitter.middle).to_array().map(|v| format!("{v:.3}")).join(",")
-}
-
 /// Returns the fit of a lamp that can be placed and has a clear shape, or why it has none.
 fn clear(samples: &[Sample]) -> std::result::Result<Fit, String> {
     if samples.len() < LEAST_CAMERAS {
@@ -116,12 +108,6 @@ fn clear(samples: &[Sample]) -> std::result::Result<Fit, String> {
         Some(fit) => Err(format!("its light differs from camera to camera by {:.0} %, as that of reflections does", 100.0 * fit.error)),
         None => Err("no light towards any camera".to_owned()),
     }
-}
-
-/// Returns the largest angle to the mean of directions, degrees.
-pub(super) fn widest_angle_deg(directions: &[DVec3]) -> f64 {
-    let mean = directions.iter().sum::<DVec3>().normalize_or_zero();
-    directions.iter().map(|direction| direction.dot(mean).clamp(-1.0, 1.0).acos().to_degrees()).fold(0.0, f64::max)
 }
 
 /// Returns a window as a lamp in the world, in the units of the data set.

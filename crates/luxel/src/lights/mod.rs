@@ -16,6 +16,7 @@ mod emitters;
 mod find;
 mod fit;
 mod measure;
+mod placing;
 mod table;
 #[cfg(test)]
 pub(crate) mod tests;
@@ -30,9 +31,10 @@ use luxel_io::{ExrSample, IoError, LightShape, StageDome, StageLight, StageLight
 use self::emitters::SeenView;
 use self::find::{Lamps, find};
 pub use self::table::{lights_csv, lights_json};
+use crate::camera_path::with_at_most;
 use crate::error::{Context, ensure};
-use crate::export::{Up, UpAxis, file_from_world, with_at_most};
 use crate::probe::{Probe, ProbeOptions, Surroundings, probe_in};
+use crate::up::{Up, UpAxis, file_from_world};
 use crate::{Error, Observer, Result};
 
 /// Views that are looked at, at an even stride, and pixels of each.

@@ -14,8 +14,8 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use luxel_core::{Camera, Engine, Image, RenderOptions, Scene};
 
 use super::emitters::{Emitter, SeenView, Shining, pixel_size};
-use super::find::{LEAST_CAMERAS, LEAST_PARALLAX_DEG, place, widest_angle_deg};
 use super::measure::{alone, solid_angle};
+use super::placing::{LEAST_CAMERAS, LEAST_PARALLAX_DEG, place, widest_angle_deg};
 use crate::error::Context;
 use crate::{Result, text};
 

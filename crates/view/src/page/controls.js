@@ -20,6 +20,7 @@ export class Controls {
   /** A drag that a part of the viewer has taken hold of. @type {Grip | null} */ grip = null;
   /** Unit of speed: a part of the scene's size. */ size = 1;
   /** @type {Vec3} */ up = [0, 1, 0];
+  /** Floor and walls. @type {import("./object/proxy.js").Proxy | null} */ proxy = null;
 
   /**
    * @param {HTMLElement} element @param {State} state
@@ -164,8 +165,10 @@ export class Controls {
     const right = state.mode === "walk" ? unit(cross(forward, up)) : state.axes.right;
     const by = add(add(times(forward, ahead), times(right, aside)), times(up, above));
     const speed = this.size * (this.fast ? 0.8 : 0.2) * Math.min(seconds, 0.1);
-    state.eye = add(state.eye, times(by, speed));
-    state.pivot = add(state.pivot, times(by, speed));
+    const wanted = times(by, speed);
+    const moved = state.mode === "walk" && this.proxy ? sub(this.proxy.walked(state.eye, wanted, up), state.eye) : wanted;
+    state.eye = add(state.eye, moved);
+    state.pivot = add(state.pivot, moved);
     this.left();
   }
 

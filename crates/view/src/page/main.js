@@ -13,6 +13,7 @@ import { HdrScreen } from "./hdr.js";
 import { Lights } from "./lights.js";
 import { byId, ControlPanel } from "./panel.js";
 import { Placed } from "./object/placed.js";
+import { Proxy } from "./object/proxy.js";
 import { OcioCurve } from "./ocio.js";
 import { Optics } from "./optics.js";
 import { PathPanel } from "./path.js";
@@ -52,6 +53,7 @@ try {
     openDropped(viewer, { json: (file) => path.open(file), edits: (file) => saved.read(file), glb: (file) => placed.open(file) });
     // Before the pins, which use clicks, too.
     viewer.parts.unshift(viewer.environment = new EnvironmentPanel(viewer), placed, new OcioCurve(viewer));
+    viewer.parts.push((viewer.controls.proxy = new Proxy(viewer)));
     // Before the object, which it adds samples behind.
     viewer.parts.unshift((viewer.aperture = new AperturePanel(viewer)));
   }

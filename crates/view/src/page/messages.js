@@ -5,10 +5,10 @@ import { byId } from "./panel.js";
 /** Time for which a notice is shown, ms. */
 const NOTICE_MS = 8000;
 
-/** What a message is about: of several, the first in this order is shown. @typedef {"connection" | "display" | "notice" | "picture" | "other picture"} About */
+/** What a message is about: of several, the first in this order is shown. @typedef {"connection" | "display" | "mesh" | "notice" | "picture" | "other picture"} About */
 
 export class Messages {
-  /** @type {{ [about in About]: string }} */ texts = { connection: "", display: "", notice: "", picture: "", "other picture": "" };
+  /** @type {{ [about in About]: string }} */ texts = { connection: "", display: "", mesh: "", notice: "", picture: "", "other picture": "" };
   /** The timer of the notice. */ timer = 0;
 
   /** Shows what is wrong; "" once it is right again, which leaves what is wrong with others. @param {About} about @param {string} text */

@@ -14,7 +14,7 @@ import { checked } from "./server.js";
 /**
  * @typedef {{ name: string, path: string, splats: number, bounds: [Vec3, Vec3], inner_bounds: [Vec3, Vec3], color_space: string, is_display: boolean,
  *   rec709_from_scene: number[][], luminance_weights: Vec3, radiance_scale: number, up: Vec3, edits: string[],
- *   cd_m2_per_unit: number | null, world_from_local: Frame3, others: OtherScene[], metres_per_unit?: number | null, display?: DisplayTable | null,
+ *   cd_m2_per_unit: number | null, world_from_local: Frame3, others: OtherScene[], metres_per_unit?: number | null, display?: DisplayTable | null, mesh?: { world_from_file: number[][] } | null,
  *   version: number, cameras_version: number, training: Training | null, download_bytes: number | null, lights: number, cameras: ViewCamera[], luxel_version: string }} Scene
  */
 /** From the coordinates of the splats to the world: turned by the rows of `rotation`, multiplied, moved. @typedef {{ rotation: number[][], scale: number, translation: Vec3 }} Frame3 */

@@ -4,7 +4,7 @@ import { Clicks } from "./clicks.js";
 import { Controls } from "./controls.js";
 import { Display } from "./display.js";
 import { KEYS, next } from "./help.js";
-import { aside, choiceOf, lensOf, lensOfView, poseOf } from "./lens.js";
+import { aside, choiceOf, lensOf, lensOfView, poseOf, unproject } from "./lens.js";
 import { add, looking, sub, times, unit } from "./math.js";
 import { sampleAt } from "./measure.js";
 import { Messages } from "./messages.js";
@@ -452,13 +452,30 @@ export class Viewer {
   pivot(x, y) {
     // The click before pinned a value, which is not what a double click asks for.
     if (this.clickUser && this.clickUser === this.probes) this.probes.unpinLast();
+    const onMesh = this.onMesh(x, y);
+    if (onMesh) return this.orbit(onMesh);
     this.clicks.at(x / this.box.width, y / this.box.height, ({ position }) => {
       if (!position) return this.messages.notice("There is nothing to orbit about; double-click a surface.");
-      this.state.pivot = position;
-      this.state.mode = "orbit";
-      this.state.axes = looking(sub(position, this.state.eye), this.controls.up);
-      this.controls.left();
+      this.orbit(position);
     });
+  }
+
+  /** Makes a point the middle of the picture and of the orbit. @param {import("./math.js").Vec3} pivot */
+  orbit(pivot) {
+    this.state.pivot = pivot;
+    this.state.mode = "orbit";
+    this.state.axes = looking(sub(pivot, this.state.eye), this.controls.up);
+    this.controls.left();
+  }
+
+  /** The place of the proxy mesh that the picture shows at a pixel of the screen, if there is a mesh. @param {number} x @param {number} y */
+  onMesh(x, y) {
+    const lens = lensOf(this.state, Math.max(1, this.box.width), Math.max(1, this.box.height));
+    const place = this.controls.proxy && unproject(lens, x, y, 1);
+    if (!place) return null;
+    const ray = unit(sub(place, lens.eye));
+    const away = this.controls.proxy?.distance(lens.eye, ray) ?? Infinity;
+    return away < Infinity ? add(lens.eye, times(ray, away)) : null;
   }
 
   /** @param {KeyboardEvent} event */

@@ -1,4 +1,4 @@
-/** A tree of boxes around the triangles of a mesh, for rays that ask whether anything is in their way. */
+/** A tree of boxes around the triangles of a mesh, for rays that ask whether and where anything is in their way. */
 
 /** Triangles of a leaf, at most. */
 const LEAF = 4;
@@ -95,6 +95,12 @@ export class Tree {
 
   /** Whether a ray meets a triangle before it is `most` of its directions long. @param {number} x @param {number} y @param {number} z @param {number} dx @param {number} dy @param {number} dz @param {number} most */
   isHit(x, y, z, dx, dy, dz, most) {
+    return this.distance(x, y, z, dx, dy, dz, most, true) < Infinity;
+  }
+
+  /** How many of its directions a ray is long when it meets the first triangle, or with `isAny` one of them; infinite for none before `most`. @param {number} x @param {number} y @param {number} z @param {number} dx @param {number} dy @param {number} dz @param {number} most */
+  distance(x, y, z, dx, dy, dz, most, isAny = false) {
+    let nearest = Infinity;
     const { boxes, first, counts, stack } = this;
     // Plain variables, since arrays would cost more than the arithmetic.
     const ix = 1 / dx;
@@ -121,13 +127,18 @@ export class Tree {
         stack[depth++] = first[node] + 1;
         continue;
       }
-      for (let i = first[node]; i < first[node] + count; i++) if (this.meets(NUMBERS * i, x, y, z, dx, dy, dz, most)) return true;
+      for (let i = first[node]; i < first[node] + count; i++) {
+        const away = this.away(NUMBERS * i, x, y, z, dx, dy, dz);
+        if (!(away < most)) continue;
+        if (isAny) return away;
+        nearest = most = away;
+      }
     }
-    return false;
+    return nearest;
   }
 
-  /** Möller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997. @param {number} t @param {number} x @param {number} y @param {number} z @param {number} dx @param {number} dy @param {number} dz @param {number} most */
-  meets(t, x, y, z, dx, dy, dz, most) {
+  /** Möller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997. @param {number} t @param {number} x @param {number} y @param {number} z @param {number} dx @param {number} dy @param {number} dz */
+  away(t, x, y, z, dx, dy, dz) {
     const n = this.triangles;
     const ax = n[t + 3];
     const ay = n[t + 4];
@@ -139,19 +150,19 @@ export class Tree {
     const py = dz * bx - dx * bz;
     const pz = dx * by - dy * bx;
     const determinant = ax * px + ay * py + az * pz;
-    if (determinant === 0) return false;
+    if (determinant === 0) return Infinity;
     const inverse = 1 / determinant;
     const sx = x - n[t];
     const sy = y - n[t + 1];
     const sz = z - n[t + 2];
     const u = (sx * px + sy * py + sz * pz) * inverse;
-    if (!(u >= 0 && u <= 1)) return false;
+    if (!(u >= 0 && u <= 1)) return Infinity;
     const qx = sy * az - sz * ay;
     const qy = sz * ax - sx * az;
     const qz = sx * ay - sy * ax;
     const v = (dx * qx + dy * qy + dz * qz) * inverse;
-    if (!(v >= 0 && u + v <= 1)) return false;
+    if (!(v >= 0 && u + v <= 1)) return Infinity;
     const away = (bx * qx + by * qy + bz * qz) * inverse;
-    return away > 0 && away < most;
+    return away > 0 ? away : Infinity;
   }
 }
