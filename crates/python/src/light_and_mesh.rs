@@ -152,7 +152,7 @@ impl PyScene {
     ///         they are black.
     ///     up: axis of the scene that is up, such as [0, 0, 1]; None for that of the data set.
     ///     color_space: linear space of lamps and map.
-    #[pyo3(signature = (dataset, *, medians=100.0, windows=None, portals=false, most=32, map=true, at=None, width=1024, fill=true, up=None, color_space="linear-rec709", device="auto"))]
+    #[pyo3(signature = (dataset, *, medians=100.0, windows=30.0, portals=false, most=32, map=true, at=None, width=1024, fill=true, up=None, color_space="linear-rec709", device="auto"))]
     #[expect(clippy::too_many_arguments, reason = "arguments of Python have names")]
     fn lights(
         &self,

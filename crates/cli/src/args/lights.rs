@@ -6,7 +6,7 @@ use clap::Args;
 use luxel::lights::{DomeOptions, LightOptions, WindowOptions};
 
 use super::SceneDataArgs;
-use crate::args::values::{SpaceArg, UpArg, parse_point, parse_positive};
+use crate::args::values::{SpaceArg, UpArg, parse_point, parse_positive, parse_zero_or_more};
 
 /// `luxel lights`.
 #[derive(Debug, Args)]
@@ -29,12 +29,13 @@ pub(crate) struct LightsArgs {
     #[arg(long, default_value_t = 100.0, value_parser = parse_positive, value_name = "FACTOR", help_heading = "Lamps")]
     pub(crate) medians: f32,
     /// Make windows rectangles of light that the map leaves out, and other large, flat and even
-    /// parts that are this many times as bright as the median: try 20 first.
-    #[arg(long, value_parser = parse_positive, value_name = "FACTOR", help_heading = "Lamps")]
-    pub(crate) windows: Option<f32>,
+    /// parts that are this many times as bright as the median; 0 for none. Lower ones find fainter
+    /// windows, and may take a lit surface for one.
+    #[arg(long, default_value_t = 30.0, value_parser = parse_zero_or_more, value_name = "FACTOR", help_heading = "Lamps")]
+    pub(crate) windows: f32,
     /// Leave the light of windows in the map, and write them as its portals, which help a renderer
     /// to find it. OpenUSD and tables have them; some programs make stray lamps of them.
-    #[arg(long, requires = "windows", conflicts_with = "no_dome", help_heading = "Lamps")]
+    #[arg(long, conflicts_with = "no_dome", help_heading = "Lamps")]
     pub(crate) portals: bool,
     /// Most lamps; weaker ones stay in the map.
     #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u16).range(1..=1000), value_name = "N", help_heading = "Lamps")]
@@ -76,7 +77,7 @@ impl LightsArgs {
         let dome = DomeOptions { at: self.at, width_px: self.size as usize, fill: !self.no_fill, up: UpArg::up(self.up) };
         LightOptions {
             medians: self.medians.into(),
-            windows: self.windows.map(|medians| WindowOptions { medians: medians.into(), are_portals: self.portals }),
+            windows: (self.windows > 0.0).then_some(WindowOptions { medians: self.windows.into(), are_portals: self.portals }),
             most: self.most.into(),
             color_space: self.output_color_space.into(),
             dome: (!self.no_dome).then_some(dome),

@@ -327,6 +327,12 @@ pub(crate) fn parse_positive(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|v: &f32| v.is_normal() && *v > 0.0).ok_or_else(|| format!("expected a finite number above 0, got \"{text}\""))
 }
 
+/// Parses a finite number that is not negative.
+pub(crate) fn parse_zero_or_more(text: &str) -> Result<f32, String> {
+    let found = text.parse().ok().filter(|v: &f32| v.is_finite() && *v >= 0.0);
+    found.ok_or_else(|| format!("expected a finite number, 0 or more, got \"{text}\""))
+}
+
 /// Parses a finite number of at least 1.
 pub(crate) fn parse_ratio(text: &str) -> Result<f32, String> {
     let found = text.parse().ok().filter(|v: &f32| v.is_finite() && *v >= 1.0);

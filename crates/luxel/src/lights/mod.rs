@@ -63,7 +63,8 @@ pub struct LightOptions {
 impl Default for LightOptions {
     fn default() -> Self {
         let dome = Some(DomeOptions::default());
-        Self { medians: 100.0, windows: None, most: 32, color_space: ColorSpace::LinearRec709, dome, cd_m2_per_unit: None }
+        let windows = Some(WindowOptions { medians: 30.0, are_portals: false });
+        Self { medians: 100.0, windows, most: 32, color_space: ColorSpace::LinearRec709, dome, cd_m2_per_unit: None }
     }
 }
 

@@ -240,7 +240,7 @@ class Scene:
         dataset: Dataset,
         *,
         medians: float = 100.0,
-        windows: float | None = None,
+        windows: float | None = 30.0,
         portals: bool = False,
         most: int = 32,
         map: bool = True,
