@@ -103,20 +103,20 @@ export class Tree {
     let nearest = Infinity;
     const { boxes, first, counts, stack } = this;
     // Plain variables, since arrays would cost more than the arithmetic.
-    const ix = 1 / dx;
-    const iy = 1 / dy;
-    const iz = 1 / dz;
+    const rx = 1 / dx;
+    const ry = 1 / dy;
+    const rz = 1 / dz;
     let depth = 1;
     stack[0] = 0;
     while (depth > 0) {
       const node = stack[--depth];
       const b = 6 * node;
-      const x0 = (boxes[b] - x) * ix;
-      const x1 = (boxes[b + 3] - x) * ix;
-      const y0 = (boxes[b + 1] - y) * iy;
-      const y1 = (boxes[b + 4] - y) * iy;
-      const z0 = (boxes[b + 2] - z) * iz;
-      const z1 = (boxes[b + 5] - z) * iz;
+      const x0 = (boxes[b] - x) * rx;
+      const x1 = (boxes[b + 3] - x) * rx;
+      const y0 = (boxes[b + 1] - y) * ry;
+      const y1 = (boxes[b + 4] - y) * ry;
+      const z0 = (boxes[b + 2] - z) * rz;
+      const z1 = (boxes[b + 5] - z) * rz;
       const near = Math.max(Math.min(x0, x1), Math.min(y0, y1), Math.min(z0, z1));
       const far = Math.min(Math.max(x0, x1), Math.max(y0, y1), Math.max(z0, z1));
       // Also where a ray lies in the side of a box, which makes no number.
