@@ -247,7 +247,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         crate::synthetic::write_dataset(folder.path(), crate::synthetic::BallsOptions { side_px: 16, views: 9 }).unwrap();
         let view = crate::Dataset::open(folder.path()).unwrap().train[0].clone();
-        let sized = |size_px: [u32; 2]| View { camera: Camera { size_px, ..view.camera.clone() }, ..view.clone() };
+        let sized = |size_px: [u32; 2]| View { camera: luxel_core::Camera { size_px, ..view.camera.clone() }, ..view.clone() };
         let many = vec![sized([4000, 3000]); 150];
         let found = Refinement::DEFAULT.views(&many);
         assert!(found.len() == 50 && found.iter().all(|view| view.camera.size_px == [1000, 750]), "{:?}", found[0].camera);
