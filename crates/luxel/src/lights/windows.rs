@@ -34,7 +34,7 @@ const MOST_REACH_PX: f64 = 32.0;
 /// on the place of a window counts.
 const LEAST_SIDE: f64 = 0.1;
 /// Largest thickness over the shorter side.
-const MOST_THICKNESS: f64 = 0.25;
+const MOST_THICKNESS: f64 = 0.15;
 /// Part of its light that must be within the rectangle.
 const LEAST_WITHIN: f64 = 0.7;
 /// Largest relative error of the radiance among cameras.
