@@ -4,6 +4,7 @@
     scripts/path_traced_scenes.py loft out/loft             # a room with a window, bulbs, a mirror, glass: 120 + 20 views from within, minutes
     scripts/path_traced_scenes.py yard out/yard             # a yard under sun and sky: 60 + 12 views from around
     scripts/path_traced_scenes.py study out/study           # a desk and a wall with print and fine grain everywhere: 18 + 8 views from a cap
+    scripts/path_traced_scenes.py neon out/neon             # the study with a bent tube for a lamp, at 200x200
     scripts/path_traced_scenes.py subset out/loft out/loft-18 --train 18
 
 Images are half-float EXR of 300x300, of the study 400x400, denoised with albedo and normals; points.ply holds points of textured surfaces, off by 2 mm, as structure from motion would
@@ -23,6 +24,7 @@ import numpy as np
 MAX_BOUNCES = 8
 POINTS = 15_000
 POINT_NOISE = 0.002
+NEON_RADIUS = 0.02
 
 
 # Textures: [n, n, 3] of reflectance, or [n, n] of noise.
@@ -295,6 +297,19 @@ def study(scene, _folder):
     scene.items["panel"] = {"type": "rectangle", "to_world": panel, "emitter": {"type": "area", "radiance": scene.rgb(5, 5.4, 6)}}
 
 
+def neon(scene, folder):
+    """The study with a bent tube of 120 in place of the bulb, as wide as 4 pixels."""
+    study(scene, folder)
+    del scene.items["bulb"], scene.items["foot"]
+    corners = [(-0.4, 0.3, 0.55), (0.1, 0.35, 0.62), (0.45, 0.2, 0.5), (0.5, -0.1, 0.42)]
+    radiance = scene.rgb(120, 80, 45)
+    for i, (start, end) in enumerate(itertools.pairwise(corners)):
+        emitter = {"type": "area", "radiance": radiance}
+        scene.items[f"tube{i}"] = {"type": "cylinder", "p0": list(start), "p1": list(end), "radius": NEON_RADIUS, "emitter": emitter}
+    for i, corner in enumerate(corners):
+        scene.lamp(f"joint{i}", corner, NEON_RADIUS, (120, 80, 45))
+
+
 def study_camera():
     """From a cap of 1 x 0.7 m, spread evenly over it (the R2 sequence)."""
     places = itertools.count(1)
@@ -380,6 +395,7 @@ SCENES = {
     "loft": (loft, loft_camera, 3, 65, 300, 120, 20, 24),
     "yard": (yard, yard_camera, 4, 60, 300, 60, 12, 20),
     "study": (study, study_camera(), 6, 50, 400, 18, 8, 32),
+    "neon": (neon, study_camera(), 6, 50, 200, 18, 8, 64),
 }
 
 

@@ -70,7 +70,9 @@ pub use image::{
     encode_deep_exr, encode_exr, encode_jpeg, encode_png, encode_png_pq, holds_radiance, image_size, pinhole_within, read_codes,
     read_exr_attributes, read_image, undistort, undistort_into, write_deep_exr, write_display_png, write_exr, write_png,
 };
-pub use lights::{LightShape, StageDome, StageLight, StageLights, StagePortal, encode_lights_glb, stage_lights_text, write_lights};
+pub use lights::{
+    LightMesh, LightShape, StageDome, StageLight, StageLights, StagePortal, encode_lights_glb, stage_lights_text, write_lights,
+};
 pub use luxel_core::photo::{Codes, Exif, IccProfile, PhotoInfo, PhotoKind, RawInfo, RawPixels};
 pub use memory::{available_memory, given_memory_limit, memory_limit, set_memory_limit, system_memory};
 pub use mesh::{MeshFile, MeshFormat, write_mesh};

@@ -38,6 +38,7 @@ mod extract;
 mod fill;
 mod frame;
 mod lengths;
+mod level_set;
 mod simplify;
 mod triangle_mesh;
 mod volume;
@@ -48,6 +49,7 @@ pub use self::error::MeshError;
 pub use self::frame::{DepthFrame, LEAST_ALPHA};
 use self::frame::{WeightLengths, WeightedFrame};
 pub use self::lengths::Lengths;
+pub use self::level_set::Grid;
 pub use self::triangle_mesh::TriangleMesh;
 use self::volume::Volume;
 

@@ -156,6 +156,38 @@ def test_lamps_come_with_their_radiance_and_the_map(scene: luxel.Scene, dataset:
         luxel_blender.add_lights(out / "nowhere.usda")
 
 
+MESH_LAMP = """#usda 1.0
+( defaultPrim = "Lights" metersPerUnit = 1 upAxis = "Y" )
+def Xform "Lights" {
+    def Mesh "Lamp_1" ( prepend apiSchemas = ["MeshLightAPI", "MaterialBindingAPI"] ) {
+        int[] faceVertexCounts = [3, 3, 3, 3]
+        int[] faceVertexIndices = [0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3]
+        point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+        uniform token subdivisionScheme = "none"
+        rel material:binding = <Glow>
+        def Material "Glow" {
+            token outputs:surface.connect = <Surface.outputs:surface>
+            def Shader "Surface" {
+                uniform token info:id = "UsdPreviewSurface"
+                color3f inputs:emissiveColor = (40, 20, 10)
+                token outputs:surface
+            }
+        }
+    }
+}
+"""
+
+
+def test_a_lamp_that_is_a_mesh_shines(tmp_path: Path) -> None:
+    path = tmp_path / "lights.usda"
+    path.write_text(MESH_LAMP)
+    (item,) = luxel_blender.add_lights(path)
+    assert item.type == "MESH" and len(item.data.polygons) == 4
+    shader = next(node for node in item.data.materials[0].node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    found = np.array(shader.inputs["Emission Color"].default_value[:3]) * shader.inputs["Emission Strength"].default_value
+    np.testing.assert_allclose(found, [40.0, 20.0, 10.0], rtol=1e-6)
+
+
 def test_a_proxy_mesh_catches_hides_and_stops(out: Path) -> None:
     catcher = luxel_blender.add_proxy(out / "proxy.usdc")
     assert catcher.is_shadow_catcher and len(catcher.data.polygons) > 10

@@ -62,6 +62,7 @@ pub(crate) const ASSETS: &[(&str, Asset)] = &[
     script!("object/glb.js"),
     script!("object/lamps.js"),
     script!("object/mesh.js"),
+    script!("object/meshlamp.js"),
     script!("object/placed.js"),
     script!("object/proxy.js"),
     script!("object/raster.js"),

@@ -143,4 +143,38 @@ export default {
     await says(page, "not a binary glTF file");
     await page.close();
   },
+
+  async "a lamp that is a mesh lights by its parts, is met where it is, and has an outline"() {
+    const page = await open(at);
+    const found = await page.evaluate(async () => {
+      const { irradianceFrom, lampAlong, outline, reach, spread, visibility } = await import("/page/object/lamps.js");
+      const { partsOf } = await import("/page/object/meshlamp.js");
+      // A bar of 2 x 0.1 x 0.1 along x, its sides in 20 tiles.
+      const points = Array.from({ length: 11 * 4 }, (_, i) => [Math.floor(i / 4) / 5 - 1, i & 1 ? 0.05 : -0.05, i & 2 ? 0.05 : -0.05]);
+      const ring = [[0, 1], [1, 3], [3, 2], [2, 0]];
+      const triangles = Array.from({ length: 10 }, (_, k) => ring.flatMap(([a, b]) => [[4 * k + a, 4 * k + b, 4 * k + 4 + a], [4 * k + b, 4 * k + 4 + b, 4 * k + 4 + a]])).flat();
+      const lamp = { shape: "mesh", middle: [0, 0, 0], points, triangles, mean_area: 0.2, radiance: [10, 5, 1], intensity: [2, 1, 0.2], power: [25, 12.5, 2.5] };
+      const towards = (point) => irradianceFrom(lamp, point, [0, 0, -1]);
+      return {
+        parts: partsOf(lamp).length,
+        far: towards([0, 0, 100])[0] * 1e4,
+        near: towards([0, 0, 0.5])[0],
+        hit: [lampAlong([lamp], [0.9, 0, 3], [0, 0, -1]), lampAlong([lamp], [0.9, 0.2, 3], [0, 0, -1]), lampAlong([lamp], [0.9, 0, 3], [0, 0, 1])],
+        outline: outline(lamp, [0, 0, 5], 16).length,
+        reach: reach(lamp),
+        ends: spread(lamp, [0, 0, 5], 8).slice(0, 2).map(([x]) => x),
+        seen: visibility(lamp, [0, 0, 3], [0.75, 0, 1], 0.3),
+      };
+    });
+    assert.equal(found.parts, 8);
+    near(found.far, 2, 0.001, "irradiance from afar");
+    // Of a line of even light; as a point it is 8.
+    near(found.near, 2 / (0.5 * Math.hypot(1, 0.5)), 0.25, "irradiance nearby");
+    assert.deepEqual(found.hit, [[10, 5, 1], null, null]);
+    assert.ok(found.outline >= 4, `${found.outline} corners`);
+    near(found.reach, Math.hypot(1, 0.05, 0.05), 1e-6, "reach");
+    assert.deepEqual(found.ends.map(Math.abs), [1, 1]);
+    assert.ok(found.seen > 0.4 && found.seen < 0.95, `a ball before one end hides a part: ${found.seen}`);
+    await page.close();
+  },
 };

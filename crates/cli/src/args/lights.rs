@@ -13,7 +13,8 @@ use crate::args::values::{SpaceArg, UpArg, parse_point, parse_positive, parse_ze
 #[command(
     mut_arg("data", |arg| arg.help("Data set whose training views lamps are measured from [default for a run: its own]")),
     after_help = "A lamp is a group of splats that is many times as bright as the scene's median. Its power is fitted to what the training \
-    views get from it: a ball shines alike everywhere, a flat lamp (the open side of a shade, a window) by the cosine. All other light goes \
+    views get from it: a ball shines alike everywhere, a flat lamp (the open side of a shade, a window) by the cosine; long and bent ones become \
+    meshes. All other light goes \
     into an environment map without the lamps, FILE_dome.exr beside the file, which an OpenUSD layer loads.\n\
     The axes are those of luxel export's .usda and .glb: lamps and scene fit together. A light's intensity times its colour is radiance in \
     the units of the data set."

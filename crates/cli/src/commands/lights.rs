@@ -98,9 +98,10 @@ fn lamps_text(lights: &[AreaLight]) -> String {
     let mut table = String::from("\nlamp  shape                    middle        size  intensity            error  cameras");
     for (i, light) in lights.iter().enumerate() {
         let [x, y, z] = light.middle;
-        let size = match light.shape {
-            LightShape::Sphere { radius } | LightShape::Disk { radius, .. } => format!("r {}", text::number(radius)),
+        let size = match &light.shape {
+            LightShape::Sphere { radius } | LightShape::Disk { radius, .. } => format!("r {}", text::number(*radius)),
             LightShape::Rect { size, .. } => size.map(text::number).join(" x "),
+            LightShape::Mesh(mesh) => format!("area {}", text::number(mesh.mean_area)),
         };
         let [r, g, b] = light.intensity.map(text::number);
         let error = format!("{:.1} %", 100.0 * light.error);

@@ -1,7 +1,8 @@
 //! KHR_lights_punctual: lamps without size.
 //!
-//! A ball becomes a point light, a flat lamp a spot light whose cone is the half space. Intensities
-//! are radiance times area, along the normal of a flat lamp: candela where the radiance is nits.
+//! A ball or a mesh becomes a point light, a flat lamp a spot light whose cone is the half space.
+//! Intensities are radiance times area, along the normal of a flat lamp, of a mesh the mean of all
+//! directions: candela where the radiance is nits.
 //! A spot light falls off by the square of the cosine, a flat lamp by the cosine.
 //! The extras state shape and radiance.
 
@@ -24,12 +25,12 @@ pub(crate) fn punctual_lights(lights: &StageLights) -> Vec<Value> {
         let (intensity, color) = intensity_and_color(light.radiance.map(|l| l * light.shape.area()));
         let mut punctual = json!({ "name": name(i), "color": color, "intensity": intensity, "type": "point" });
         let mut extras = json!({ "shape": light.shape.name(), "radiance": light.radiance });
-        match light.shape {
-            LightShape::Sphere { radius } => extras["radius"] = radius.into(),
-            LightShape::Disk { radius, .. } => extras["radius"] = radius.into(),
+        match &light.shape {
+            LightShape::Sphere { radius } | LightShape::Disk { radius, .. } => extras["radius"] = (*radius).into(),
             LightShape::Rect { size, .. } => extras["size"] = json!(size),
+            LightShape::Mesh(mesh) => extras["bounds"] = json!(mesh.bounds().map(|corner| corner.to_array())),
         }
-        if !matches!(light.shape, LightShape::Sphere { .. }) {
+        if matches!(light.shape, LightShape::Disk { .. } | LightShape::Rect { .. }) {
             punctual["type"] = "spot".into();
             punctual["spot"] = json!({ "innerConeAngle": 0.0, "outerConeAngle": std::f64::consts::FRAC_PI_2 });
         }

@@ -1,11 +1,12 @@
 //! Lamps for other programs: OpenUSD's UsdLux, and glTF's KHR_lights_punctual.
 //!
-//! In: balls, discs and rectangles with the radiance of their surface, and the map of all other
-//! light; a stage with +Y up. Out: text of an OpenUSD layer, or a binary glTF without meshes; or
+//! In: balls, discs, rectangles and meshes with the radiance of their surface, and the map of all
+//! other light; a stage with +Y up. Out: text of an OpenUSD layer, or a binary glTF without meshes; or
 //! what the writers of splats put beside these. Degenerate: without lamps both are valid and hold
 //! the map, or nothing.
 
 mod gltf;
+mod mesh;
 mod prims;
 mod usd;
 
@@ -16,13 +17,14 @@ use luxel_core::ColorSpace;
 
 pub use self::gltf::encode_lights_glb;
 pub(crate) use self::gltf::{PUNCTUAL, light_extras, light_nodes, punctual_lights};
-pub(crate) use self::prims::{LIGHTS, LightAttribute, LightPrim, LightValue, PORTALS, light_prims, lights_documentation};
+pub use self::mesh::LightMesh;
+pub(crate) use self::prims::{LIGHTS, LightAttribute, LightLink, LightPrim, LightValue, light_prims, lights_documentation};
 pub(crate) use self::usd::lights_prim_text;
 pub use self::usd::stage_lights_text;
 use crate::{IoError, write_atomically};
 
 /// The shape of a lamp. Flat ones shine on the side of their normal only.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum LightShape {
     /// A ball.
     Sphere {
@@ -45,6 +47,8 @@ pub enum LightShape {
         /// Unit vector along the first side.
         along: DVec3,
     },
+    /// A closed surface.
+    Mesh(LightMesh),
 }
 
 impl LightShape {
@@ -54,6 +58,7 @@ impl LightShape {
             Self::Sphere { .. } => self,
             Self::Disk { radius, normal } => Self::Disk { radius, normal: rotation * normal },
             Self::Rect { size, normal, along } => Self::Rect { size, normal: rotation * normal, along: rotation * along },
+            Self::Mesh(mesh) => Self::Mesh(mesh.turned(rotation)),
         }
     }
 
@@ -63,6 +68,7 @@ impl LightShape {
             Self::Sphere { radius } => Self::Sphere { radius: factor * radius },
             Self::Disk { radius, normal } => Self::Disk { radius: factor * radius, normal },
             Self::Rect { size, normal, along } => Self::Rect { size: size.map(|side| factor * side), normal, along },
+            Self::Mesh(mesh) => Self::Mesh(mesh.scaled(factor)),
         }
     }
 
@@ -72,30 +78,33 @@ impl LightShape {
             Self::Sphere { .. } => "sphere",
             Self::Disk { .. } => "disk",
             Self::Rect { .. } => "rectangle",
+            Self::Mesh(_) => "mesh",
         }
     }
 
-    /// Returns the area that is seen along the normal, of a ball from anywhere.
+    /// Returns the area that is seen along the normal, of a ball from anywhere, of a mesh in the
+    /// mean of all directions.
     pub fn area(&self) -> f64 {
         match self {
             Self::Sphere { radius } | Self::Disk { radius, .. } => std::f64::consts::PI * radius * radius,
             Self::Rect { size, .. } => size[0] * size[1],
+            Self::Mesh(mesh) => mesh.mean_area,
         }
     }
 
     /// Returns axes x, y and z of the lamp, which shines along -z.
     fn axes(&self) -> DMat3 {
-        let (normal, along) = match *self {
-            Self::Sphere { .. } => return DMat3::IDENTITY,
-            Self::Disk { normal, .. } => (normal, normal.any_orthonormal_vector()),
-            Self::Rect { normal, along, .. } => (normal, along),
+        let (normal, along) = match self {
+            Self::Sphere { .. } | Self::Mesh(_) => return DMat3::IDENTITY,
+            Self::Disk { normal, .. } => (*normal, normal.any_orthonormal_vector()),
+            Self::Rect { normal, along, .. } => (*normal, *along),
         };
         DMat3::from_cols(along, along.cross(normal), -normal)
     }
 }
 
 /// A lamp in the coordinates of a stage.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct StageLight {
     /// Its middle.
     pub middle: DVec3,
@@ -106,7 +115,7 @@ pub struct StageLight {
 }
 
 /// An opening through which light of the map falls, in the coordinates of a stage.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct StagePortal {
     /// Its middle.
     pub middle: DVec3,
@@ -160,4 +169,4 @@ fn intensity_and_color(radiance: [f64; 3]) -> (f64, [f64; 3]) {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

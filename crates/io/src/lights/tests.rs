@@ -29,7 +29,7 @@ fn lamps_shine_along_their_normals() {
         let axes = light.shape.axes();
         assert!((axes.determinant() - 1.0).abs() < 1e-12, "{axes}");
         match light.shape {
-            LightShape::Sphere { .. } => {}
+            LightShape::Sphere { .. } | LightShape::Mesh(_) => {}
             LightShape::Disk { normal, .. } | LightShape::Rect { normal, .. } => assert!((axes * DVec3::NEG_Z).distance(normal) < 1e-12),
         }
     }
@@ -70,6 +70,43 @@ fn portals_belong_to_the_map() {
     assert!(!without_map.contains("ortal"), "{without_map}");
 }
 
+/// A tetrahedron of which an area of 0.5 is seen.
+pub(crate) fn mesh_lamp() -> StageLight {
+    let mesh = LightMesh {
+        points: vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z],
+        triangles: vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
+        mean_area: 0.5,
+    };
+    StageLight { middle: DVec3::new(1.0, 2.0, 3.0), shape: LightShape::Mesh(mesh), radiance: [40.0, 20.0, 10.0] }
+}
+
+#[test]
+fn meshes_shine_as_lights_and_by_their_material_elsewhere() {
+    let text = stage_lights_text(&StageLights { lights: vec![mesh_lamp()], ..lights() });
+    for expected in [
+        "def Mesh \"Lamp_1\" (\n        prepend apiSchemas = [\"MeshLightAPI\", \"MaterialBindingAPI\"]\n    )",
+        "float3[] extent = [(0, 0, 0), (1, 1, 1)]",
+        "float inputs:intensity = 40\n",
+        "uniform token light:materialSyncMode = \"noMaterialResponse\"",
+        "int[] faceVertexIndices = [0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3]",
+        "point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]",
+        "rel material:binding = <Glow>",
+        "token outputs:surface.connect = <Surface.outputs:surface>",
+        "color3f inputs:emissiveColor = (40, 20, 10) (",
+    ] {
+        assert!(text.contains(expected), "{expected} in\n{text}");
+    }
+}
+
+#[test]
+fn meshes_are_turned_and_scaled() {
+    let LightShape::Mesh(mesh) = mesh_lamp().shape.turned(DMat3::from_rotation_z(std::f64::consts::FRAC_PI_2)).scaled(2.0) else {
+        panic!("another shape")
+    };
+    assert!(mesh.points[1].distance(2.0 * DVec3::Y) < 1e-12 && mesh.points[2].distance(-2.0 * DVec3::X) < 1e-12, "{mesh:?}");
+    assert_eq!((mesh.mean_area, mesh.bounds()[0].x.round()), (2.0, -2.0));
+}
+
 #[test]
 fn gltf_has_candela() {
     let bytes = encode_lights_glb(Path::new("a.glb"), &lights()).unwrap();
@@ -80,6 +117,10 @@ fn gltf_has_candela() {
     assert!((found[0]["intensity"].as_f64().unwrap() / candela - 1.0).abs() < 1e-12 && found[0]["type"] == "point");
     assert_eq!((found[2]["intensity"].as_f64().unwrap(), found[2]["type"].as_str().unwrap()), (8.0, "spot"));
     assert_eq!(document["nodes"][0]["translation"], serde_json::json!([1.0, 2.0, 3.0]));
+    let mesh = encode_lights_glb(Path::new("a.glb"), &StageLights { lights: vec![mesh_lamp()], ..lights() }).unwrap();
+    let mesh: serde_json::Value = serde_json::from_slice(&mesh[20..]).unwrap();
+    let mesh = &mesh["extensions"]["KHR_lights_punctual"]["lights"][0];
+    assert_eq!((&mesh["type"], &mesh["intensity"], &mesh["extras"]["shape"]), (&"point".into(), &20.0.into(), &"mesh".into()));
     let none = encode_lights_glb(Path::new("a.glb"), &StageLights { lights: Vec::new(), ..lights() }).unwrap();
     assert!(!String::from_utf8(none[20..].to_vec()).unwrap().contains("extensions"));
 }

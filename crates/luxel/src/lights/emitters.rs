@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DVec3, IVec3};
+use glam::{DMat3, DQuat, DVec3, IVec3};
 use luxel_core::edit::Contributions;
 use luxel_core::{Camera, Engine, Image, RenderOptions, Scene, luminance_sum};
 
@@ -62,6 +62,16 @@ impl Emitter {
         (squares.sum::<f64>() / self.weight()).sqrt()
     }
 
+    /// Returns the covariance of the light.
+    pub(super) fn covariance(&self, scene: &Scene) -> DMat3 {
+        let whole = self.weight();
+        let part = |((p, weight), i): ((DVec3, f64), &u32)| {
+            let d = p - self.middle;
+            (DMat3::from_cols(d * d.x, d * d.y, d * d.z) + covariance(scene, *i)) * (weight / whole)
+        };
+        self.placed(scene).zip(&self.splats).map(part).sum()
+    }
+
     /// Returns the splats' places and weights.
     pub(super) fn placed<'a>(&'a self, scene: &'a Scene) -> impl Iterator<Item = (DVec3, f64)> + 'a {
         self.splats.iter().zip(&self.weights).map(|(i, weight)| (place(scene, *i), *weight))
@@ -70,6 +80,14 @@ impl Emitter {
 
 fn place(scene: &Scene, i: u32) -> DVec3 {
     DVec3::from_array(scene.splats.position[i as usize].map(f64::from))
+}
+
+/// Returns the covariance of a splat.
+pub(super) fn covariance(scene: &Scene, i: u32) -> DMat3 {
+    let [w, x, y, z] = scene.splats.rotation[i as usize].map(f64::from);
+    let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+    let squares = DVec3::from_array(scene.splats.log_scale[i as usize].map(|s| (2.0 * f64::from(s)).exp()));
+    axes * DMat3::from_diagonal(squares) * axes.transpose()
 }
 
 /// Returns the luminance above which a pixel shows a lamp: `medians` times the median of the

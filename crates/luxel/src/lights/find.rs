@@ -3,12 +3,15 @@
 //! In: a scene and renders of its training views. Out: lamps, strongest first, with their splats.
 //! Windows are looked for first, so that their brightest splats are no lamps.
 
+use std::f64::consts::PI;
+
 use glam::DVec3;
 use luxel_core::{ColorSpace, Conversion, Engine, RenderOptions, Scene};
 use luxel_io::LightShape;
 
 use super::emitters::{self, Emitter, SeenView};
 use super::fit::{self, Distribution, Fit, Sample};
+use super::mesh_light::{MeshFit, mesh_fit};
 use super::placing::{LEAST_CAMERAS, LEAST_PARALLAX_DEG, place, widest_angle_deg};
 use super::windows::{self, Rectangle, Window};
 use super::{AreaLight, LightOptions, Portal, measure};
@@ -21,13 +24,6 @@ const UNCLEAR: f64 = 0.5;
 const LEAST_ASPECT: f64 = 1.6;
 /// Weaker lamps than this part of the strongest stay in the map.
 const LEAST_PART: f64 = 1e-3;
-
-/// A lamp as it is found, local coordinates of the scene and normalised radiance.
-struct Found {
-    emitter: Emitter,
-    fit: Fit,
-    cameras: usize,
-}
 
 /// The lamps and portals of a scene, in the world.
 pub(super) struct Lamps {
@@ -71,10 +67,10 @@ pub(super) fn find(
     for emitter in groups {
         let samples = measure::samples(scene, &emitter, views, &black, engine)?;
         progress.add(&format!("lamp {}", progress.done + 1), Vec::new());
-        match clear(&samples) {
-            Ok(fit) => {
-                let one = Found { cameras: samples.len(), emitter, fit };
-                found.push((in_world(&one, scene, options.color_space), one.emitter.splats));
+        match clear(scene, &emitter, &samples) {
+            Ok(clear) => {
+                let light = in_world(&emitter, &clear, samples.len(), scene, options.color_space);
+                found.push((light, emitter.splats));
             }
             Err(why) => {
                 left_in_map.push(format!("{} around {}: {why}", text::plural(emitter.splats.len(), "splat"), place(scene, &emitter)));
@@ -94,8 +90,14 @@ pub(super) fn find(
     Ok(Lamps { lights, splats, portals, left_in_map })
 }
 
-/// Returns the fit of a lamp that can be placed and has a clear shape, or why it has none.
-fn clear(samples: &[Sample]) -> std::result::Result<Fit, String> {
+/// A lamp's light and shape.
+enum Clear {
+    Fitted(Fit),
+    Mesh(MeshFit),
+}
+
+/// Returns the light of a lamp that can be placed and has a clear shape, or why it has none.
+fn clear(scene: &Scene, emitter: &Emitter, samples: &[Sample]) -> std::result::Result<Clear, String> {
     if samples.len() < LEAST_CAMERAS {
         return Err(format!("seen whole by {} of the cameras, expected {LEAST_CAMERAS} or more", samples.len()));
     }
@@ -103,10 +105,11 @@ fn clear(samples: &[Sample]) -> std::result::Result<Fit, String> {
     if angle < LEAST_PARALLAX_DEG {
         return Err(format!("all cameras see it within {angle:.1} degrees of one direction, too few to place it"));
     }
-    match fit::fit(samples) {
-        Some(fit) if fit.error <= UNCLEAR => Ok(fit),
-        Some(fit) => Err(format!("its light differs from camera to camera by {:.0} %, as that of reflections does", 100.0 * fit.error)),
-        None => Err("no light towards any camera".to_owned()),
+    let fit = fit::fit(samples).ok_or_else(|| "no light towards any camera".to_owned())?;
+    match mesh_fit(scene, emitter, samples, &fit) {
+        Some(mesh) if mesh.error <= UNCLEAR => Ok(Clear::Mesh(mesh)),
+        _ if fit.error <= UNCLEAR => Ok(Clear::Fitted(fit)),
+        _ => Err(format!("its light differs from camera to camera by {:.0} %, as that of reflections does", 100.0 * fit.error)),
     }
 }
 
@@ -123,7 +126,7 @@ fn window_in_world(window: &Window, scene: &Scene, color_space: ColorSpace) -> A
         shape,
         radiance,
         intensity,
-        power: intensity.map(|i| std::f64::consts::PI * i),
+        power: intensity.map(|i| PI * i),
         error: window.error,
         cameras: window.cameras,
         splats: window.splats.len(),
@@ -131,21 +134,25 @@ fn window_in_world(window: &Window, scene: &Scene, color_space: ColorSpace) -> A
 }
 
 /// Returns a lamp in the world, in the units of the data set.
-fn in_world(found: &Found, scene: &Scene, color_space: ColorSpace) -> AreaLight {
-    let Found { emitter, fit, cameras } = found;
+fn in_world(emitter: &Emitter, clear: &Clear, cameras: usize, scene: &Scene, color_space: ColorSpace) -> AreaLight {
     let frame = &scene.world_from_local;
-    let area = fit.area * frame.scale() * frame.scale();
-    let conversion = Conversion::between(scene.color_space, color_space);
-    let radiance = fit.intensity.map(|i| (i / fit.area) as f32);
-    let radiance = conversion.apply(scene.radiance_scale.restored(radiance)).map(f64::from);
-    let shape = match fit.distribution {
-        Distribution::Ball => LightShape::Sphere { radius: (area / std::f64::consts::PI).sqrt() },
-        Distribution::Flat(normal) => flat_shape(emitter, scene, normal, area),
+    let (shape, radiance, error) = match clear {
+        Clear::Fitted(fit) => {
+            let area = fit.area * frame.scale() * frame.scale();
+            let shape = match fit.distribution {
+                Distribution::Ball => LightShape::Sphere { radius: (area / PI).sqrt() },
+                Distribution::Flat(normal) => flat_shape(emitter, scene, normal, area),
+            };
+            (shape, fit.intensity.map(|i| i / fit.area), fit.error)
+        }
+        Clear::Mesh(fit) => (LightShape::Mesh(fit.mesh.clone().turned(frame.rotation()).scaled(frame.scale())), fit.radiance, fit.error),
     };
-    let intensity = radiance.map(|l| l * area);
+    let conversion = Conversion::between(scene.color_space, color_space);
+    let radiance = conversion.apply(scene.radiance_scale.restored(radiance.map(|l| l as f32))).map(f64::from);
+    let intensity = radiance.map(|l| l * shape.area());
     let solid_angle = match shape {
-        LightShape::Sphere { .. } => 4.0 * std::f64::consts::PI,
-        _ => std::f64::consts::PI,
+        LightShape::Sphere { .. } | LightShape::Mesh(_) => 4.0 * PI,
+        LightShape::Disk { .. } | LightShape::Rect { .. } => PI,
     };
     AreaLight {
         middle: frame.point(emitter.middle).to_array(),
@@ -153,8 +160,8 @@ fn in_world(found: &Found, scene: &Scene, color_space: ColorSpace) -> AreaLight 
         radiance,
         intensity,
         power: intensity.map(|i| solid_angle * i),
-        error: fit.error,
-        cameras: *cameras,
+        error,
+        cameras,
         splats: emitter.splats.len(),
     }
 }
@@ -173,7 +180,7 @@ fn flat_shape(emitter: &Emitter, scene: &Scene, normal: DVec3, area: f64) -> Lig
     let turn = scene.world_from_local.rotation();
     let normal = turn * normal;
     if !(LEAST_ASPECT..1e3).contains(&aspect) {
-        return LightShape::Disk { radius: (area / std::f64::consts::PI).sqrt(), normal };
+        return LightShape::Disk { radius: (area / PI).sqrt(), normal };
     }
     let (sin, cos) = (0.5 * (2.0 * xy).atan2(xx - yy)).sin_cos();
     let along = turn * (cos * side + sin * other);

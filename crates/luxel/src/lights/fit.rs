@@ -11,10 +11,10 @@
 
 use glam::{DMat3, DVec3};
 
-/// A flat lamp must explain the intensities this many times as well as a ball.
-const LEAST_GAIN: f64 = 2.0;
+/// Another shape must explain the intensities this many times as well as a ball.
+pub(super) const LEAST_GAIN: f64 = 2.0;
 /// Relative error of a ball up to which nothing else is looked for.
-const ALIKE: f64 = 0.05;
+pub(super) const ALIKE: f64 = 0.05;
 /// Least number of cameras that a flat lamp is fitted to.
 const LEAST_CAMERAS: usize = 5;
 /// A flat lamp's intensity is at most this many times the largest that was seen.
@@ -101,17 +101,32 @@ fn normal(samples: &[Sample]) -> Option<DVec3> {
 fn with(samples: &[Sample], distribution: Distribution) -> Option<Fit> {
     let unit = Fit { distribution, intensity: [0.0; 3], area: 0.0, error: 0.0 };
     let factors: Vec<f64> = samples.iter().map(|sample| unit.factor(sample.towards)).collect();
+    let Scaled { intensity, area, error } = scaled(samples, &factors)?;
+    Some(Fit { intensity, area, error, ..unit })
+}
+
+/// Factors of the samples times one intensity, or area, that is nearest to theirs.
+pub(super) struct Scaled {
+    /// By channel.
+    pub(super) intensity: [f64; 3],
+    pub(super) area: f64,
+    /// Root mean square error over the mean intensity.
+    pub(super) error: f64,
+}
+
+/// Fits intensity and area to a factor for each sample; `None` without light.
+pub(super) fn scaled(samples: &[Sample], factors: &[f64]) -> Option<Scaled> {
     let square: f64 = factors.iter().map(|f| f * f).sum();
     let mean = samples.iter().map(Sample::sum).sum::<f64>() / samples.len().max(1) as f64;
     if square <= 0.0 || mean <= 0.0 {
         return None;
     }
-    let by = |value: &dyn Fn(&Sample) -> f64| samples.iter().zip(&factors).map(|(s, f)| value(s) * f).sum::<f64>() / square;
+    let by = |value: &dyn Fn(&Sample) -> f64| samples.iter().zip(factors).map(|(s, f)| value(s) * f).sum::<f64>() / square;
     let intensity = [0, 1, 2].map(|c| by(&|s| s.intensity[c]));
     let whole: f64 = intensity.iter().sum();
-    let squares = samples.iter().zip(&factors).map(|(s, f)| (s.sum() - whole * f).powi(2));
+    let squares = samples.iter().zip(factors).map(|(s, f)| (s.sum() - whole * f).powi(2));
     let error = (squares.sum::<f64>() / samples.len() as f64).sqrt() / mean;
-    Some(Fit { intensity, area: by(&|s| s.area), error, ..unit })
+    Some(Scaled { intensity, area: by(&|s| s.area), error })
 }
 
 #[cfg(test)]

@@ -1,12 +1,12 @@
 //! The lamps of a scene, for programs that light with lamps: place, shape, power; and the rest of
 //! its light as an environment map without them, so that nothing counts twice.
 //!
-//! In: a scene, the cameras of its training views, and an engine. Out: balls, discs and rectangles
-//! in world coordinates and the units of the data set. A lamp is a group of splats whose pixels are
+//! In: a scene, the cameras of its training views, and an engine. Out: balls, discs, rectangles and
+//! meshes in world coordinates and the units of the data set. A lamp is a group of splats whose pixels are
 //! brighter than [`LightOptions::medians`] times the scene's median. Its power is fitted to what
 //! all cameras that see it get from it, not read off one map: cameras measure light in directions
-//! that training knows, and Lambert's law takes it to the others. What has no clear shape, or is so
-//! far that the cameras see it from one side only, stays in the map. Windows are fainter and
+//! that training knows, and Lambert's law takes it to the others. Long and bent lamps become meshes. What
+//! explains the light in no shape, or is so far that the cameras see it from one side only, stays in the map. Windows are fainter and
 //! larger, and found by their own threshold; they become rectangles, or portals of the map.
 //!
 //! Degenerate: a scene of even light has no lamps; its map holds all of its light. Mirrors show
@@ -16,6 +16,7 @@ mod emitters;
 mod find;
 mod fit;
 mod measure;
+mod mesh_light;
 mod placing;
 mod table;
 #[cfg(test)]
@@ -107,8 +108,8 @@ pub struct AreaLight {
     pub shape: LightShape,
     /// Radiance of its surface in the units of the data set.
     pub radiance: [f64; 3],
-    /// Radiant intensity towards its normal, of a ball in any direction: radiance times squared
-    /// length.
+    /// Radiant intensity towards its normal, of a ball in any direction, of a mesh in the mean of all
+    /// directions: radiance times squared length.
     pub intensity: [f64; 3],
     /// Radiant power: radiance times squared length times steradian.
     pub power: [f64; 3],
@@ -122,7 +123,7 @@ pub struct AreaLight {
 
 /// An opening through which light of the map falls: a rectangle in the world, which helps a
 /// renderer to find that light.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Portal {
     /// Its middle.
     pub middle: [f64; 3],
@@ -266,9 +267,9 @@ impl SceneLights {
     pub fn stage(&self, dome: Option<&str>, file_from_world: &Similarity, metres_per_unit: Option<f64>) -> StageLights {
         let (rotation, scale) = (file_from_world.rotation(), file_from_world.scale());
         let point = |middle: [f64; 3]| file_from_world.point(DVec3::from_array(middle));
-        let placed = |shape: LightShape| shape.turned(rotation).scaled(scale);
-        let light = |light: &AreaLight| StageLight { middle: point(light.middle), shape: placed(light.shape), radiance: light.radiance };
-        let portal = |portal: &Portal| StagePortal { middle: point(portal.middle), shape: placed(portal.shape) };
+        let placed = |shape: &LightShape| shape.clone().turned(rotation).scaled(scale);
+        let light = |light: &AreaLight| StageLight { middle: point(light.middle), shape: placed(&light.shape), radiance: light.radiance };
+        let portal = |portal: &Portal| StagePortal { middle: point(portal.middle), shape: placed(&portal.shape) };
         StageLights {
             lights: self.lights.iter().map(light).collect(),
             dome: dome.map(|texture| StageDome { texture: texture.to_owned() }),

@@ -109,6 +109,28 @@ fn a_lamp_in_a_shade_shines_by_the_cosine() {
 }
 
 #[test]
+fn a_tube_is_a_mesh_that_shines_by_the_area_that_is_seen_of_it() {
+    // Along x and a little towards the cameras.
+    let axis = DVec3::new(0.9, 0.2, -0.4).normalize();
+    let at = |i: i32| DVec3::new(0.1, 0.0, 3.0) + 0.04 * f64::from(i) * axis;
+    let scene = scene(|splats| (-15..=15).for_each(|i| add(splats, at(i), 0.03, LAMP)));
+    let (lights, left) = found(&scene);
+    let [light] = &lights[..] else { panic!("{lights:?} {left:?}") };
+    let LightShape::Mesh(mesh) = &light.shape else { panic!("{light:?}") };
+    assert!(light.error < 0.04 && light.cameras == 9, "{light:?}");
+    // Its light is that of the end which is nearer to the cameras by a little.
+    let middle = DVec3::from_array(light.middle) - at(0);
+    assert!(middle.length() < 0.06, "{middle}");
+    let along = mesh.points.iter().map(|p| (*p + middle).dot(axis)).fold(0.0, f64::max);
+    let across = mesh.points.iter().map(|p| (*p + middle).cross(axis).length()).fold(0.0, f64::max);
+    assert!((0.6..0.72).contains(&along) && (0.03..0.1).contains(&across), "{along} {across}");
+    let expected = f64::from(scene.radiance_scale.restored_value(LAMP[0]));
+    // Splats fade at their edges: the mean radiance is below that of their middles.
+    assert!((0.6..1.0).contains(&(light.radiance[0] / expected)), "{light:?} {expected}");
+    assert!((light.power[0] / (4.0 * std::f64::consts::PI * mesh.mean_area * light.radiance[0]) - 1.0).abs() < 1e-9);
+}
+
+#[test]
 fn even_light_has_no_lamps_and_two_lamps_are_two() {
     assert_eq!(found(&scene(|_| ())), (Vec::new(), Vec::new()));
     let two = scene(|splats| {

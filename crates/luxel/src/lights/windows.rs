@@ -10,7 +10,7 @@
 //! direction are no windows; their light stays where it is. A patch of sun on a floor is an even
 //! flat light as well, and lights like one.
 
-use glam::{DMat3, DQuat, DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 use luxel_core::{Camera, Engine, Image, RenderOptions, Scene};
 
 use super::emitters::{Emitter, SeenView, Shining, pixel_size};
@@ -168,22 +168,9 @@ fn middle_sigma(scene: &Scene, i: usize) -> f64 {
     f64::from(scale[1]).exp()
 }
 
-/// Returns the covariance of a splat.
-fn covariance(scene: &Scene, i: u32) -> DMat3 {
-    let [w, x, y, z] = scene.splats.rotation[i as usize].map(f64::from);
-    let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
-    let squares = DVec3::from_array(scene.splats.log_scale[i as usize].map(|s| (2.0 * f64::from(s)).exp()));
-    axes * DMat3::from_diagonal(squares) * axes.transpose()
-}
-
 /// Returns the rectangle of even light with the place and extent of a group's light.
 fn rectangle(scene: &Scene, emitter: &Emitter) -> Option<Rectangle> {
-    let (middle, whole) = (emitter.middle, emitter.weight());
-    let mut spread = DMat3::ZERO;
-    for ((p, weight), i) in emitter.placed(scene).zip(&emitter.splats) {
-        let d = p - middle;
-        spread += (DMat3::from_cols(d * d.x, d * d.y, d * d.z) + covariance(scene, *i)) * (weight / whole);
-    }
+    let (middle, spread) = (emitter.middle, emitter.covariance(scene));
     let normal = least_axis(&spread)?;
     let (side, other) = normal.any_orthonormal_pair();
     // The direction in which the light is within the smallest rectangle.
@@ -199,7 +186,7 @@ fn rectangle(scene: &Scene, emitter: &Emitter) -> Option<Rectangle> {
 }
 
 /// Returns the direction of least spread.
-fn least_axis(spread: &DMat3) -> Option<DVec3> {
+pub(super) fn least_axis(spread: &DMat3) -> Option<DVec3> {
     let trace = spread.x_axis.x + spread.y_axis.y + spread.z_axis.z;
     if !(trace.is_finite() && trace > 0.0) {
         return None;

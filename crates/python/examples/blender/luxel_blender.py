@@ -269,7 +269,8 @@ def add_lights(path: str | Path) -> list[bpy.types.Object]:
     # Blender drops a DomeLight where there is no world.
     if bpy.context.scene.world is None:
         bpy.context.scene.world = bpy.data.worlds.new("Luxel")
-    lights = [item for item in import_usd(path) if item.type == "LIGHT"]
+    # Lamps of no simple shape are meshes that shine.
+    lights = [item for item in import_usd(path) if item.type == "LIGHT" or item.name.startswith("Lamp_")]
     # Blender makes lamps of portals.
     kept = [item for item in lights if not item.name.startswith("Portal_")]
     for stray in [item for item in lights if item.name.startswith("Portal_")]:

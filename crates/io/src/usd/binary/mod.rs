@@ -19,6 +19,7 @@ mod reader;
 mod splats;
 mod tables;
 mod writer;
+mod written_tables;
 
 pub(super) use cameras::read_cameras;
 pub(super) use mesh::write_mesh;

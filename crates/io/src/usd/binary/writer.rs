@@ -1,66 +1,16 @@
 //! A layer to a crate file: values as they come, tables at the end.
 
-use std::collections::HashMap;
-use std::hash::Hash;
 use std::io::{self, Write};
 
-use super::integers::{compressed, compressed_integers};
+use super::written_tables::{
+    END_OF_SET, Field, Node, Spec, Table, counted, fields_table, integers_table, paths_table, specs_table, tokens_table,
+};
 use super::{HEADER_BYTES, MAGIC, ValueRep, kind, spec};
 
 /// Version of the files.
 const VERSION: [u8; 3] = [0, 8, 0];
 /// Bytes that are written at a time.
 const BLOCK: usize = 1 << 20;
-/// Ends a set of fields.
-const END_OF_SET: u32 = u32::MAX;
-/// Steps from a path to the next one: to its child, nothing more, or its sibling. A path with both
-/// has the distance of its sibling, and its child behind it.
-const CHILD_ONLY: u32 = -1i32 as u32;
-const NOTHING: u32 = -2i32 as u32;
-const SIBLING: u32 = 0;
-
-/// Items by number, each once.
-struct Table<T> {
-    items: Vec<T>,
-    numbers: HashMap<T, u32>,
-}
-
-impl<T: Clone + Eq + Hash> Table<T> {
-    fn new() -> Self {
-        Self { items: Vec::new(), numbers: HashMap::new() }
-    }
-
-    fn number(&mut self, item: T) -> u32 {
-        let next = self.items.len() as u32;
-        *self.numbers.entry(item.clone()).or_insert_with(|| {
-            self.items.push(item);
-            next
-        })
-    }
-}
-
-/// An entry of the table of fields: the number of its name, and its value.
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
-struct Field {
-    name: u32,
-    value: ValueRep,
-}
-
-/// A spec: a path's kind and fields.
-struct Spec {
-    fields_at: u32,
-    kind: u32,
-}
-
-/// A prim or a property, in the order of their specs: each prim, its properties, then the prims
-/// within it.
-struct Node {
-    name: String,
-    /// Number of prims around it.
-    depth: usize,
-    is_property: bool,
-}
-
 /// A crate file that is being written: the root, and prims with their properties.
 pub(super) struct CrateWriter<W> {
     out: W,
@@ -285,15 +235,33 @@ impl<W: Write> CrateWriter<W> {
 
     /// Adds a relationship of the last prim, which has no prims within it yet, to paths by number.
     pub(super) fn relationship(&mut self, name: &str, targets: &[u32]) -> io::Result<()> {
+        let variability = FieldValue::new("variability", ValueRep::inlined(kind::VARIABILITY, 1));
+        let targets = FieldValue::new("targetPaths", self.paths_of(targets)?);
+        self.property(name);
+        self.spec(spec::RELATIONSHIP, &[variability, targets]);
+        Ok(())
+    }
+
+    /// Adds an output of the last prim, a shader's, which has no prims within it yet, and the number
+    /// of the path that it is taken from.
+    pub(super) fn output(&mut self, name: &str, from: Option<u32>) -> io::Result<()> {
+        let mut fields = vec![FieldValue::new("typeName", self.token("token"))];
+        if let Some(from) = from {
+            fields.push(FieldValue::new("connectionPaths", self.paths_of(&[from])?));
+        }
+        self.property(name);
+        self.spec(spec::ATTRIBUTE, &fields);
+        Ok(())
+    }
+
+    /// Writes paths that replace those of weaker layers, and returns their value.
+    fn paths_of(&mut self, paths: &[u32]) -> io::Result<ValueRep> {
         const IS_EXPLICIT: u8 = 1;
         const HAS_EXPLICIT: u8 = 1 << 1;
         let at = self.at;
         self.write(&[IS_EXPLICIT | HAS_EXPLICIT])?;
-        self.write(&counted(targets.len(), targets.iter().flat_map(|path| path.to_le_bytes())))?;
-        let variability = FieldValue::new("variability", ValueRep::inlined(kind::VARIABILITY, 1));
-        self.property(name);
-        self.spec(spec::RELATIONSHIP, &[variability, FieldValue::new("targetPaths", ValueRep::at(kind::PATH_LIST_OP, at))]);
-        Ok(())
+        self.write(&counted(paths.len(), paths.iter().flat_map(|path| path.to_le_bytes())))?;
+        Ok(ValueRep::at(kind::PATH_LIST_OP, at))
     }
 
     /// Adds an attribute of the last prim, which has no prims within it yet.
@@ -320,7 +288,7 @@ impl<W: Write> CrateWriter<W> {
     /// Writes the tables and returns the header, which comes before all else.
     pub(super) fn finish(mut self) -> io::Result<Vec<u8>> {
         let mut contents = Vec::new();
-        let paths = self.paths();
+        let paths = paths_table(&self.nodes, &mut self.tokens);
         let tables: [(&str, Vec<u8>); 6] = [
             ("TOKENS", tokens_table(&self.tokens.items)),
             ("STRINGS", counted(self.strings.len(), self.strings.iter().flat_map(|token| token.to_le_bytes()))),
@@ -347,32 +315,6 @@ impl<W: Write> CrateWriter<W> {
         header.resize(HEADER_BYTES, 0);
         Ok(header)
     }
-
-    /// Returns the table of paths: the root, then prims and properties, each with the step to what
-    /// follows it.
-    fn paths(&mut self) -> Vec<u8> {
-        let nodes = std::mem::take(&mut self.nodes);
-        let count = 1 + nodes.len();
-        let numbers: Vec<u32> = (0..count as u32).collect();
-        let (mut elements, mut steps) = (vec![0], vec![if nodes.is_empty() { NOTHING } else { CHILD_ONLY }]);
-        for (i, node) in nodes.iter().enumerate() {
-            let token = self.tokens.number(node.name.clone());
-            elements.push(if node.is_property { token.wrapping_neg() } else { token });
-            let behind = &nodes[i + 1..];
-            let has_child = behind.first().is_some_and(|next| next.depth > node.depth);
-            // The first that is not within it, unless it is outside of what is around both.
-            let sibling = behind.iter().position(|next| next.depth <= node.depth).filter(|at| behind[*at].depth == node.depth);
-            steps.push(match (has_child, sibling) {
-                (true, Some(at)) => at as u32 + 1,
-                (true, None) => CHILD_ONLY,
-                (false, Some(_)) => SIBLING,
-                (false, None) => NOTHING,
-            });
-        }
-        let mut table = (count as u64).to_le_bytes().to_vec();
-        table.extend(integers_table(count, &[&numbers, &elements, &steps]));
-        table
-    }
 }
 
 impl FieldValue {
@@ -385,39 +327,4 @@ impl FieldValue {
     pub(super) fn definition() -> Self {
         Self { name: "specifier", value: ValueRep::inlined(kind::SPECIFIER, 0) }
     }
-}
-
-fn counted(count: usize, bytes: impl Iterator<Item = u8>) -> Vec<u8> {
-    (count as u64).to_le_bytes().into_iter().chain(bytes).collect()
-}
-
-/// Returns bytes behind their length.
-fn sized(bytes: Vec<u8>) -> Vec<u8> {
-    counted(bytes.len(), bytes.into_iter())
-}
-
-fn tokens_table(tokens: &[String]) -> Vec<u8> {
-    let plain: Vec<u8> = tokens.iter().flat_map(|token| token.bytes().chain([0])).collect();
-    let mut table = counted(tokens.len(), (plain.len() as u64).to_le_bytes().into_iter());
-    table.extend(sized(compressed(&plain)));
-    table
-}
-
-fn integers_table(count: usize, columns: &[&[u32]]) -> Vec<u8> {
-    counted(count, columns.iter().flat_map(|column| sized(compressed_integers(column))))
-}
-
-fn fields_table(fields: &[Field]) -> Vec<u8> {
-    let names: Vec<u32> = fields.iter().map(|field| field.name).collect();
-    let values: Vec<u8> = fields.iter().flat_map(|field| field.value.0.to_le_bytes()).collect();
-    let mut table = integers_table(fields.len(), &[&names]);
-    table.extend(sized(compressed(&values)));
-    table
-}
-
-fn specs_table(specs: &[Spec]) -> Vec<u8> {
-    let paths: Vec<u32> = (0..specs.len() as u32).collect();
-    let fields: Vec<u32> = specs.iter().map(|spec| spec.fields_at).collect();
-    let kinds: Vec<u32> = specs.iter().map(|spec| spec.kind).collect();
-    integers_table(specs.len(), &[&paths, &fields, &kinds])
 }

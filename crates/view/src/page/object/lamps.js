@@ -1,9 +1,10 @@
 /** The light on an object: lamps at their places, and all other light as a map of directions. */
 
 import { add, cross, dot, length, sub, times, unit } from "../math.js";
+import { hull, isMesh, isMet, partsOf, reachOf, spreadOver } from "./meshlamp.js";
 
 /** @typedef {import("../math.js").Vec3} Vec3 */
-/** A lamp of `luxel lights`: world units, radiance in the units of the data set. @typedef {{ shape: "sphere" | "disk" | "rectangle", middle: Vec3, normal?: Vec3, radius?: number, size?: [number, number], along?: Vec3, radiance: Vec3, intensity: Vec3, power: Vec3 }} Lamp */
+/** A lamp of `luxel lights`: world units, radiance in the units of the data set. @typedef {{ shape: "sphere" | "disk" | "rectangle" | "mesh", middle: Vec3, normal?: Vec3, radius?: number, size?: [number, number], along?: Vec3, points?: Vec3[], triangles?: [number, number, number][], mean_area?: number, radiance: Vec3, intensity: Vec3, power: Vec3 }} Lamp */
 /** The light at a point: lamps, and all else as a map and as the irradiance that comes from it. @typedef {{ lamps: Lamp[], map: LightMap, fromMap: (normal: Vec3) => Vec3 }} Light */
 /** A map of directions, OpenEXR's latitude and longitude; rows of the turn from the world to its axes. @typedef {{ width: number, height: number, rgb: number[], map_from_world: number[][] }} LightMap */
 
@@ -45,8 +46,9 @@ export function radianceFrom(map, direction) {
   return [map.rgb[at], map.rgb[at + 1], map.rgb[at + 2]];
 }
 
-/** Irradiance of a surface at a point from a lamp, taken for a point. @param {Lamp} lamp @param {Vec3} point @param {Vec3} normal @returns {Vec3} */
+/** Irradiance of a surface at a point from a lamp, taken for a point, or for one in each of its parts. @param {Lamp} lamp @param {Vec3} point @param {Vec3} normal @returns {Vec3} */
 export function irradianceFrom(lamp, point, normal) {
+  if (isMesh(lamp)) return partsOf(lamp).reduce((sum, part) => add(sum, irradianceFrom(part, point, normal)), /** @type {Vec3} */ ([0, 0, 0]));
   const way = sub(lamp.middle, point);
   const distance = Math.max(length(way), 1e-9);
   const towards = times(way, 1 / distance);
@@ -60,7 +62,8 @@ export function lampAlong(lamps, point, direction) {
     const way = sub(lamp.middle, point);
     if (!lamp.normal) {
       const along = dot(way, direction);
-      if (along > 0 && length(sub(way, times(direction, along))) < (lamp.radius ?? 0)) return lamp.radiance;
+      const isNear = length(sub(way, times(direction, Math.max(0, along)))) < reach(lamp);
+      if (isNear && (isMesh(lamp) ? isMet(lamp, point, direction) : along > 0)) return lamp.radiance;
       continue;
     }
     const facing = dot(direction, lamp.normal);
@@ -79,10 +82,14 @@ export function lampAlong(lamps, point, direction) {
 export const GOLDEN = (Math.sqrt(5) - 1) / 2;
 
 /** Radius of the ball around a lamp. @param {Lamp} lamp */
-export const reach = (lamp) => lamp.radius ?? Math.hypot(...(lamp.size ?? [0, 0])) / 2;
+export const reach = (lamp) => (isMesh(lamp) ? reachOf(lamp) : lamp.radius ?? Math.hypot(...(lamp.size ?? [0, 0])) / 2);
 
-/** The part of a lamp that a point sees past a ball, by the angles of both. @param {Lamp} lamp @param {Vec3} point @param {Vec3} center @param {number} radius */
+/** The part of a lamp that a point sees past a ball, by the angles of both. @param {Lamp} lamp @param {Vec3} point @param {Vec3} center @param {number} radius @returns {number} */
 export function visibility(lamp, point, center, radius) {
+  if (isMesh(lamp)) {
+    const parts = partsOf(lamp);
+    return parts.reduce((sum, part) => sum + visibility(part, point, center, radius), 0) / parts.length;
+  }
   const [toBall, toLamp] = [sub(center, point), sub(lamp.middle, point)];
   const [near, far] = [length(toBall), length(toLamp)];
   if (near <= radius || near >= far) return near <= radius ? 0 : 1;
@@ -97,6 +104,7 @@ const CORNERS = [[-0.45, -0.45], [0.45, 0.45], [0.45, -0.45], [-0.45, 0.45]];
 
 /** Points spread over a lamp, as it is seen from `eye`, those at its edge first. @param {Lamp} lamp @param {Vec3} eye @param {number} count @returns {Vec3[]} */
 export function spread(lamp, eye, count) {
+  if (isMesh(lamp)) return spreadOver(lamp, count);
   const { side, other } = acrossOf(lamp, eye);
   return Array.from({ length: count }, (_, i) => {
     const part = 1 - (i + 0.5) / count;
@@ -119,6 +127,7 @@ function acrossOf(lamp, eye) {
 /** Points around a lamp's edge, as it is seen from `eye`. @param {Lamp} lamp @param {Vec3} eye @param {number} count @returns {Vec3[]} */
 export function outline(lamp, eye, count) {
   const { side, other } = acrossOf(lamp, eye);
+  if (isMesh(lamp)) return hull(lamp, side, other);
   if (lamp.size) {
     const [along, across] = [times(side, lamp.size[0] / 2), times(other, lamp.size[1] / 2)];
     return [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([a, b]) => add(lamp.middle, add(times(along, a), times(across, b))));

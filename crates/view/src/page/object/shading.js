@@ -6,6 +6,7 @@
 
 import { add, dot, length, sub, times, unit } from "../math.js";
 import { GOLDEN, irradianceFrom, lampAlong, radianceFrom, reach } from "./lamps.js";
+import { partsOf } from "./meshlamp.js";
 
 /** @typedef {import("./lamps.js").Light} Light */
 /** @typedef {import("./lamps.js").LightMap} LightMap */
@@ -99,7 +100,8 @@ function glossLight({ lamps, map, fromMap }, place, roughness) {
   if (place.seesItself(mirrored)) return times(fromMap(normal), 1 / Math.PI);
   if (roughness < MIRROR) return lampAlong(lamps, point, mirrored) ?? radianceFrom(map, mirrored);
   const sky = times(radianceFrom(blurred(map, roughness), mirrored), place.sky);
-  return lamps.reduce((sum, lamp, i) => (place.lamps[i] > 0 ? add(sum, times(lampGloss(lamp, place, roughness), place.lamps[i])) : sum), sky);
+  const gloss = (/** @type {import("./lamps.js").Lamp} */ lamp) => partsOf(lamp).reduce((sum, part) => add(sum, lampGloss(part, place, roughness)), /** @type {Vec3} */ ([0, 0, 0]));
+  return lamps.reduce((sum, lamp, i) => (place.lamps[i] > 0 ? add(sum, times(gloss(lamp), place.lamps[i])) : sum), sky);
 }
 
 /** Radiance towards the eye. @param {Light} light @param {Material} material @param {Place} place @returns {Vec3} */
