@@ -58,7 +58,8 @@ mod tests {
         let mesh = distances().surface(0.7, usize::MAX);
         assert!(mesh.positions.iter().all(|p| (Vec3::from(*p).length() - 0.7).abs() < 0.02));
         let volume: f32 = mesh.triangles.iter().map(|t| triple(&mesh, t)).sum::<f32>() / 6.0;
-        // Positive where corners go round counter-clockwise from outside. Triangles cut a ball's volume.
+        // Positive where corners go round counter-clockwise from outside. Triangles cut a ball's
+        // volume.
         assert!((volume / (4.0 / 3.0 * std::f32::consts::PI * 0.343) - 1.0).abs() < 0.04, "{volume}");
         let few = distances().surface(0.7, 100);
         assert!(few.triangles.len() <= 100 && few.triangles.len() > 50, "{}", few.triangles.len());

@@ -1,9 +1,9 @@
 //! Lamps for other programs: OpenUSD's UsdLux, and glTF's KHR_lights_punctual.
 //!
 //! In: balls, discs, rectangles and meshes with the radiance of their surface, and the map of all
-//! other light; a stage with +Y up. Out: text of an OpenUSD layer, or a binary glTF without meshes; or
-//! what the writers of splats put beside these. Degenerate: without lamps both are valid and hold
-//! the map, or nothing.
+//! other light; a stage with +Y up. Out: text of an OpenUSD layer, or a binary glTF without meshes;
+//! or what the writers of splats put beside these. Degenerate: without lamps both are valid and
+//! hold the map, or nothing.
 
 mod gltf;
 mod mesh;

@@ -1,8 +1,9 @@
-//! Lamps of no simple shape: tubes, rings, strings of lamps. They become a mesh around their splats.
+//! Lamps of no simple shape: tubes, rings, strings of lamps. They become a mesh around their
+//! splats.
 //!
 //! In: a group of splats, and the light that cameras see of it. Out: a closed surface that shines
-//! alike everywhere. Its light towards a direction is its radiance times the area that is seen of it
-//! from there, so that a tube shines less along its axis. The surface is that of the splats'
+//! alike everywhere. Its light towards a direction is its radiance times the area that is seen of
+//! it from there, so that a tube shines less along its axis. The surface is that of the splats'
 //! ellipsoids, of such a size that its area is the one that the cameras see; the radiance is fitted
 //! to what they see.
 //!
@@ -23,6 +24,10 @@ use super::windows::least_axis;
 const LEAST_LENGTH: f64 = 2.5;
 /// Width over thickness up to which a long group is a tube and no strip.
 const MOST_WIDTH: f64 = 2.0;
+/// Part of the rectangle around a flat lamp that shines, from which on it is one.
+const LEAST_FILL: f64 = 0.5;
+/// Area of a rectangle over the product of its standard deviations.
+const RECTANGLE: f64 = 12.0;
 /// Part of the group's light whose splats make the surface, the strongest first.
 const LIGHT_SHARE: f64 = 0.98;
 /// Voxels along the longest side.
@@ -42,7 +47,8 @@ const DIRECTIONS: u32 = 48;
 /// Steps of the iterations for the longest axis.
 const STEPS: usize = 64;
 
-/// A mesh that explains the light of a lamp, local coordinates of the scene and normalised radiance.
+/// A mesh that explains the light of a lamp, local coordinates of the scene and normalised
+/// radiance.
 #[derive(Clone, Debug)]
 pub(super) struct MeshFit {
     pub(super) mesh: LightMesh,
@@ -54,16 +60,20 @@ pub(super) struct MeshFit {
 /// Returns a mesh if it explains the shape of a group, or its light, better than a simple shape.
 pub(super) fn mesh_fit(scene: &Scene, emitter: &Emitter, samples: &[Sample], simple: &Fit) -> Option<MeshFit> {
     let [length, width, thickness] = sides(&emitter.covariance(scene));
-    let is_long = length >= LEAST_LENGTH * f64::midpoint(width, thickness)
-        && (simple.distribution == Distribution::Ball || width <= MOST_WIDTH * thickness);
-    if !is_long && simple.error < fit::ALIKE {
+    let is_long = length >= LEAST_LENGTH * f64::midpoint(width, thickness);
+    let is_another = match simple.distribution {
+        Distribution::Ball => is_long,
+        // What shines may fill little of the plane that it is in: a bent tube, a ring.
+        Distribution::Flat(_) => (is_long && width <= MOST_WIDTH * thickness) || simple.area < LEAST_FILL * RECTANGLE * length * width,
+    };
+    if !is_another && simple.error < fit::ALIKE {
         return None;
     }
     let grid = distances(scene, emitter)?;
     let mesh = sized(&grid, samples)?;
     let areas: Vec<f64> = samples.iter().map(|sample| seen_area(&mesh, sample.towards)).collect();
     let fit::Scaled { intensity: radiance, error, .. } = fit::scaled(samples, &areas)?;
-    let is_better = fit::LEAST_GAIN * error < simple.error || (is_long && error <= simple.error.max(fit::ALIKE));
+    let is_better = fit::LEAST_GAIN * error < simple.error || (is_another && error <= simple.error.max(fit::ALIKE));
     is_better.then(|| MeshFit { mesh: light_mesh(&mesh, emitter.middle), radiance, error })
 }
 

@@ -2,12 +2,13 @@
 //! its light as an environment map without them, so that nothing counts twice.
 //!
 //! In: a scene, the cameras of its training views, and an engine. Out: balls, discs, rectangles and
-//! meshes in world coordinates and the units of the data set. A lamp is a group of splats whose pixels are
-//! brighter than [`LightOptions::medians`] times the scene's median. Its power is fitted to what
-//! all cameras that see it get from it, not read off one map: cameras measure light in directions
-//! that training knows, and Lambert's law takes it to the others. Long and bent lamps become meshes. What
-//! explains the light in no shape, or is so far that the cameras see it from one side only, stays in the map. Windows are fainter and
-//! larger, and found by their own threshold; they become rectangles, or portals of the map.
+//! meshes in world coordinates and the units of the data set. A lamp is a group of splats whose
+//! pixels are brighter than [`LightOptions::medians`] times the scene's median. Its power is fitted
+//! to what all cameras that see it get from it, not read off one map: cameras measure light in
+//! directions that training knows, and Lambert's law takes it to the others. Long and bent lamps
+//! become meshes. What explains the light in no shape, or is so far that the cameras see it from
+//! one side only, stays in the map. Windows are fainter and larger, and found by their own
+//! threshold; they become rectangles, or portals of the map.
 //!
 //! Degenerate: a scene of even light has no lamps; its map holds all of its light. Mirrors show
 //! lamps that are not there, where they seem to be.
@@ -108,8 +109,8 @@ pub struct AreaLight {
     pub shape: LightShape,
     /// Radiance of its surface in the units of the data set.
     pub radiance: [f64; 3],
-    /// Radiant intensity towards its normal, of a ball in any direction, of a mesh in the mean of all
-    /// directions: radiance times squared length.
+    /// Radiant intensity towards its normal, of a ball in any direction, of a mesh in the mean of
+    /// all directions: radiance times squared length.
     pub intensity: [f64; 3],
     /// Radiant power: radiance times squared length times steradian.
     pub power: [f64; 3],

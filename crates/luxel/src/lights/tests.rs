@@ -131,6 +131,20 @@ fn a_tube_is_a_mesh_that_shines_by_the_area_that_is_seen_of_it() {
 }
 
 #[test]
+fn a_bent_tube_is_a_mesh_and_no_window() {
+    let scene = scene(|splats| {
+        (-15..=10).for_each(|i| add(splats, DVec3::new(0.04 * f64::from(i), -0.2, 3.0), 0.03, LAMP));
+        (1..=15).for_each(|i| add(splats, DVec3::new(0.4, 0.04 * f64::from(i) - 0.2, 3.0), 0.03, LAMP));
+    });
+    let (lights, left) = found(&scene);
+    let [light] = &lights[..] else { panic!("{lights:?} {left:?}") };
+    assert!(matches!(light.shape, LightShape::Mesh(_)) && light.error < 0.05 && left.is_empty(), "{light:?} {left:?}");
+    let windows = WindowOptions { medians: 30.0, are_portals: true };
+    let Lamps { portals, .. } = found_with(&scene, &LightOptions { windows: Some(windows), ..LightOptions::default() });
+    assert!(portals.is_empty(), "{portals:?}");
+}
+
+#[test]
 fn even_light_has_no_lamps_and_two_lamps_are_two() {
     assert_eq!(found(&scene(|_| ())), (Vec::new(), Vec::new()));
     let two = scene(|splats| {

@@ -37,6 +37,8 @@ const LEAST_SIDE: f64 = 0.1;
 const MOST_THICKNESS: f64 = 0.15;
 /// Part of its light that must be within the rectangle.
 const LEAST_WITHIN: f64 = 0.7;
+/// Part of the rectangle that shines: bars before a window leave the most of it free.
+const LEAST_FILL: f64 = 0.5;
 /// Largest relative error of the radiance among cameras.
 const MOST_ERROR: f64 = 0.35;
 /// Largest median of what is around a rectangle over its own radiance: lit parts of a surface fade,
@@ -249,6 +251,8 @@ struct Part {
     /// Radiance times solid angle of the splats within it, and of all of them.
     within: [f64; 3],
     all: [f64; 3],
+    /// Square of the radiance times solid angle of the splats within it.
+    squares: f64,
 }
 
 /// Measures a rectangle's radiance in all cameras before it, or says why it is no window.
@@ -273,10 +277,15 @@ fn measured(
         return Ok(Err(format!("{:.0} % of its light are within a rectangle", 100.0 * total(within) / total(all).max(f64::MIN_POSITIVE))));
     }
     parts.retain(|part| part.seen > 0.0);
+    // Of even light in a part of the rectangle, the part.
+    let fills: f64 = parts.iter().map(|part| total(part.within).powi(2) / part.squares.max(f64::MIN_POSITIVE)).sum();
     if parts.len() < LEAST_CAMERAS {
         return Ok(Err(format!("seen by {} of the cameras, expected {LEAST_CAMERAS} or more", parts.len())));
     }
     let seen: f64 = parts.iter().map(|part| part.seen).sum();
+    if fills < LEAST_FILL * seen {
+        return Ok(Err(format!("its light fills {:.0} % of a rectangle", 100.0 * fills / seen)));
+    }
     let radiance = [0, 1, 2].map(|c| parts.iter().map(|part| part.all[c]).sum::<f64>() / seen);
     let mean = total(radiance);
     let middle = around.len() / 2;
@@ -321,7 +330,10 @@ fn part(camera: &Camera, [light, all]: [&Image; 2], rectangle: &Rectangle, aroun
             *sum += light;
             *within += if is_within { light } else { 0.0 };
         }
-        found.seen += if is_within { solid_angle } else { 0.0 };
+        if is_within {
+            found.seen += solid_angle;
+            found.squares += f64::from(pixel.iter().sum::<f32>()).powi(2) * solid_angle;
+        }
     }
     found.seen = if found.seen >= LEAST_SEEN * whole { found.seen } else { 0.0 };
     found

@@ -242,8 +242,8 @@ impl<W: Write> CrateWriter<W> {
         Ok(())
     }
 
-    /// Adds an output of the last prim, a shader's, which has no prims within it yet, and the number
-    /// of the path that it is taken from.
+    /// Adds an output of the last prim, a shader's, which has no prims within it yet, and the
+    /// number of the path that it is taken from.
     pub(super) fn output(&mut self, name: &str, from: Option<u32>) -> io::Result<()> {
         let mut fields = vec![FieldValue::new("typeName", self.token("token"))];
         if let Some(from) = from {
