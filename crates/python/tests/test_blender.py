@@ -157,9 +157,16 @@ def test_lamps_come_with_their_radiance_and_the_map(scene: luxel.Scene, dataset:
 
 
 MESH_LAMP = """#usda 1.0
-( defaultPrim = "Lights" metersPerUnit = 1 upAxis = "Y" )
+(
+    defaultPrim = "Lights"
+    metersPerUnit = 1
+    upAxis = "Y"
+)
 def Xform "Lights" {
-    def Mesh "Lamp_1" ( prepend apiSchemas = ["MeshLightAPI", "MaterialBindingAPI"] ) {
+    def Mesh "Lamp_1" (
+        prepend apiSchemas = ["MeshLightAPI", "MaterialBindingAPI"]
+    )
+    {
         int[] faceVertexCounts = [3, 3, 3, 3]
         int[] faceVertexIndices = [0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3]
         point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
