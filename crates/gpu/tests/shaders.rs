@@ -16,7 +16,8 @@ fn sources() -> Vec<PathBuf> {
     let shaders = in_folder("gpu/src/passes", "wgsl");
     let page = in_folder("view/src/page/gpu", "js");
     assert!(shaders.len() > 20 && page.len() > 3, "{} shaders, {} files of the page", shaders.len(), page.len());
-    [shaders, page, vec![crates.join("view/src/page/shader.js")]].concat()
+    let display = ["shader.js", "hdr-shader.js"].map(|name| crates.join("view/src/page/display").join(name));
+    [shaders, page, display.to_vec()].concat()
 }
 
 /// Returns the operand at the end, or at the start, of what stands beside an operator.

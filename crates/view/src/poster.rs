@@ -2,7 +2,7 @@
 //! opens.
 //!
 //! In: a subject and the renderer of its scene. Out: the first camera's view, or without cameras
-//! the whole scene from the front (twin: page/places.js), at most [`WIDTH_PX`] wide.
+//! the whole scene from the front (twin: page/camera/places.js), at most [`WIDTH_PX`] wide.
 
 use glam::{DMat3, DVec2, DVec3};
 use luxel::preview::{self, Look};

@@ -111,7 +111,7 @@ export default {
     const before = (await where(page)).match(/sphere\(([^)]*)\)/)[1].split(",").map(Number);
     const box = await page.locator("#picture").boundingBox();
     const places = await page.evaluate(async ([x, y, z, r]) => {
-      const { project } = await import("/page/lens.js");
+      const { project } = await import("/page/math/lens.js");
       const lens = window.luxel.lens(window.luxel.box.width, window.luxel.box.height);
       return [project(lens, [x, y, z]), project(lens, [x + r, y, z])];
     }, before);
@@ -124,7 +124,7 @@ export default {
     await shot(page, "edit-sphere");
     await drag(places[0], 40, -25);
     const moved = (await where(page)).match(/sphere\(([^)]*)\)/)[1].split(",").map(Number);
-    const at2 = await page.evaluate(async ([x, y, z]) => (await import("/page/lens.js")).project(window.luxel.lens(window.luxel.box.width, window.luxel.box.height), [x, y, z]), moved);
+    const at2 = await page.evaluate(async ([x, y, z]) => (await import("/page/math/lens.js")).project(window.luxel.lens(window.luxel.box.width, window.luxel.box.height), [x, y, z]), moved);
     near(at2.x, places[0].x + 40, 0.6, "centre across");
     near(at2.y, places[0].y - 25, 0.6, "centre down");
     assert.equal(moved[3], before[3]);

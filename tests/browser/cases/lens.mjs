@@ -29,7 +29,7 @@ export default {
     await shot(page, "lens");
     const found = await page.evaluate(async () => {
       const { shown, state, aperture, source } = window.luxel;
-      const { fromHalf } = await import("/page/half.js");
+      const { fromHalf } = await import("/page/math/half.js");
       // All samples at once, as the server and luxel render take them.
       const variant = window.luxel.variant();
       const whole = await source.frame(shown.lens, { edit: "", variant: { ...variant, lens: { ...variant.lens, part: [0, 1] } }, radiance: true, layers: false, name: "test" });

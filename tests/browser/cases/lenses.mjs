@@ -50,7 +50,7 @@ async function checkPixels(page, address, query) {
     probe.position.forEach((value, c) => near(sample.position[c], value, 1e-4 * probe.depth, `position ${c} at ${x}, ${y}`));
     // What is clicked is marked where it is seen.
     const back = await page.evaluate(async (position) => {
-      const { project } = await import("/page/lens.js");
+      const { project } = await import("/page/math/lens.js");
       return project(window.luxel.shown.lens, position);
     }, sample.position);
     near(back.x, x + 0.5, 1e-3, "column");
@@ -98,7 +98,7 @@ export default {
       await page.locator("#projection").selectOption(kind);
       await set(page, change);
       const [view, width, height, json] = await page.evaluate(async () => {
-        const { toJson } = await import("/page/lens.js");
+        const { toJson } = await import("/page/math/lens.js");
         const { shown, state } = window.luxel;
         return [state.view, shown.lens.width, shown.lens.height, toJson(shown.lens)];
       });
@@ -138,7 +138,7 @@ export default {
     for (const [pane, eye] of [[0, "other"], [1, "shown"]]) {
       await page.mouse.move(box.x + (box.width * (pane + 0.5)) / 2, box.y + box.height / 2);
       const { json, w, h, sample } = await page.evaluate(async (eye) => {
-        const { toJson } = await import("/page/lens.js");
+        const { toJson } = await import("/page/math/lens.js");
         const { lens } = eye === "other" ? window.luxel.comparison.other : window.luxel.shown;
         return { json: toJson(lens), w: lens.width, h: lens.height, sample: window.luxel.sample(0.5, 0.5) };
       }, eye);

@@ -106,7 +106,7 @@ export default {
     server.depth.forEach((value, i) => value === null || server.alpha[i] < 0.01 || near(local.depth[i], value, 2e-3 * value, `depth of pixel ${i}`));
     // The value of a pixel, against the render itself.
     for (const [x, y] of [[10, 12], [32, 32], [50, 41], [20, 55]]) {
-      const camera = await page.evaluate(async () => (await import("/page/lens.js")).toJson(window.luxel.lens(64, 64)));
+      const camera = await page.evaluate(async () => (await import("/page/math/lens.js")).toJson(window.luxel.lens(64, 64)));
       const probe = await (await fetch(`${url}api/probe?camera=${encodeURIComponent(camera)}&width=${SIDE}&height=${SIDE}&x=${x}&y=${y}`)).json();
       const sample = await page.evaluate(([u, v]) => window.luxel.sample(u, v), [(x + 0.5) / SIDE, (y + 0.5) / SIDE]);
       assert.deepEqual([sample.x, sample.y], [x, y]);
@@ -223,7 +223,7 @@ export default {
       near(view.planes.A[i], found.alpha[i], 1e-6, `A of pixel ${i}`);
       near(view.planes.Z[i], found.depth[i] ?? 1e10, 1e-6 * (found.depth[i] ?? 1e10), `Z of pixel ${i}`);
     }
-    const camera = await alone.evaluate(async () => (await import("luxel/lens.js")).toJson(window.luxel.lens(64, 64)));
+    const camera = await alone.evaluate(async () => (await import("luxel/math/lens.js")).toJson(window.luxel.lens(64, 64)));
     const served2 = exrOf(Buffer.from(await (await fetch(`${url}api/frame.exr?camera=${encodeURIComponent(camera)}&width=${SIDE}&height=${SIDE}&channels=rgb,alpha,depth`)).arrayBuffer()));
     assert.deepEqual([...view.attributes.chromaticities.content], [...served2.attributes.chromaticities.content]);
     const rgb = (file) => Array.from({ length: 3 * SIDE * SIDE }, (_, i) => file.planes["RGB"[i % 3]][Math.floor(i / 3)]);

@@ -88,7 +88,7 @@ export default {
     await shot(page, "ball-of-triangles");
     const found = await page.evaluate(async () => {
       const { placed, shown } = window.luxel;
-      const [{ fromHalf }, { project }] = await Promise.all([import("/page/half.js"), import("/page/lens.js")]);
+      const [{ fromHalf }, { project }] = await Promise.all([import("/page/math/half.js"), import("/page/math/lens.js")]);
       const picture = (kind) => {
         placed.kind.value = kind;
         placed.again();

@@ -90,7 +90,7 @@ export default {
       const seen = await colors(page, found.map(({ place }) => place));
       const expected = await page.evaluate(
         async ([error, values]) => {
-          const colors = await import("/page/falsecolor.js");
+          const colors = await import("/page/display/falsecolor.js");
           return values.map((value) => (error === "signed" ? colors.colorOfSigned(value) : colors.colorOfDifference(error === "relative" ? 4 * value : value)));
         },
         [error, found.map(({ value }) => value)],
@@ -316,7 +316,7 @@ export default {
     facts.bounds[0].forEach((value, c) => near(value, ORIGIN[c], 2000, "bounds"));
     const page = await open("", { at: address });
     const sample = await page.evaluate(() => window.luxel.sample(...window.centre(Math.floor(window.luxel.shown.frame.head.width / 2), Math.floor(window.luxel.shown.frame.head.height / 2))));
-    const [lens, head] = await page.evaluate(async () => [(await import("/page/lens.js")).toJson(window.luxel.shown.lens), window.luxel.shown.frame.head]);
+    const [lens, head] = await page.evaluate(async () => [(await import("/page/math/lens.js")).toJson(window.luxel.shown.lens), window.luxel.shown.frame.head]);
     const found = await (await fetch(`${address}api/probe?camera=${encodeURIComponent(lens)}&width=${head.width}&height=${head.height}&x=${sample.x}&y=${sample.y}`)).json();
     assert.ok(found.depth > 0, "nothing in the middle");
     near(sample.luminance, found.luminance, 2e-3 * found.luminance + 1e-6, "luminance");

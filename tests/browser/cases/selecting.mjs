@@ -27,7 +27,7 @@ const counted = (page, { count }) => page.waitForFunction((text) => document.get
 /** Places of points on the screen, from the corner of the picture. */
 const projected = (page, points) =>
   page.evaluate(async (points) => {
-    const { project } = await import("/page/lens.js");
+    const { project } = await import("/page/math/lens.js");
     const lens = window.luxel.lens(window.luxel.box.width, window.luxel.box.height);
     return points.map((point) => project(lens, point));
   }, points);
@@ -143,7 +143,7 @@ export default {
     await page.mouse.click(x + u * width, y + v * height);
     await page.waitForFunction(() => window.edits.entries[window.edits.current].where !== "all");
     // The hue of the hexagon, of what the server says is there.
-    const lens = await page.evaluate(async () => (await import("/page/lens.js")).toJson(window.luxel.shown.lens));
+    const lens = await page.evaluate(async () => (await import("/page/math/lens.js")).toJson(window.luxel.shown.lens));
     const size = await page.evaluate(() => window.luxel.shown.frame.head);
     const probe = await (await fetch(`${url}api/probe?${new URLSearchParams({ camera: lens, width: size.width, height: size.height, x: before.x, y: before.y })}`)).json();
     const [r, g, b] = scene.rec709_from_scene.map((row) => Math.max(0, row.reduce((sum, weight, c) => sum + weight * probe.radiance[c], 0)));
@@ -239,7 +239,7 @@ export default {
     near(grown[3] / sphere[3], factor, 0.3 * (factor - 1), "radius");
     await settled(page);
     const [after] = await sampled(page, [[0.5, 0.5]]);
-    const lens = await page.evaluate(async () => (await import("/page/lens.js")).toJson(window.luxel.shown.lens));
+    const lens = await page.evaluate(async () => (await import("/page/math/lens.js")).toJson(window.luxel.shown.lens));
     const { width, height } = await page.evaluate(() => window.luxel.shown.frame.head);
     const probe = await (await fetch(`${url}api/probe?${new URLSearchParams({ camera: lens, width, height, x: after.x, y: after.y, edit: await text(page) })}`)).json();
     near(after.luminance, probe.luminance, 2e-3 * probe.luminance, "the picture under the sphere");

@@ -1,13 +1,13 @@
 /** Pictures of a scene by the browser's GPU: splats to the device, a lens to a picture of half floats. */
 
-import { dot, times } from "../math.js";
+import { dot, times } from "../math/vectors.js";
 import { MAP_READ, USAGE } from "./device.js";
 import { FORWARD } from "./forward.js";
 import { Buffers, compile, Recorder } from "./passes.js";
 import { changedRows, copyRow, wholeRow } from "./splats.js";
 
-/** @typedef {import("../lens.js").Lens} Lens */
-/** @typedef {import("../scene.js").Frame} Frame */
+/** @typedef {import("../math/lens.js").Lens} Lens */
+/** @typedef {import("../scene/scene.js").Frame} Frame */
 /** @typedef {import("./passes.js").Shard} Shard */
 /** @typedef {import("./passes.js").Sizes} Sizes */
 /** @typedef {import("./splats.js").Changes} Changes */
@@ -32,7 +32,7 @@ function filled(structure, values) {
 function cameraUniform(lens, { head }, entries) {
   const { options } = head;
   const { right, up, back } = lens.axes;
-  const row = (/** @type {import("../math.js").Vec3} */ axis) => [...axis, -dot(axis, lens.eye)];
+  const row = (/** @type {import("../math/vectors.js").Vec3} */ axis) => [...axis, -dot(axis, lens.eye)];
   const n = options.samples;
   const [size, focal, center] = [[lens.width * n, lens.height * n], [lens.fx * n, lens.fy * n], [lens.cx * n, lens.cy * n]];
   const margin = [0, 1].map((i) => (FORWARD.numbers.jacobianMargin * size[i]) / (2 * focal[i]));

@@ -1,6 +1,6 @@
 /** Splats as the server packs them (splats.rs): the head, and the rows of parameters. */
 
-import { fromHalf } from "../half.js";
+import { fromHalf } from "../math/half.js";
 
 /**
  * @typedef {object} Options

@@ -1,15 +1,15 @@
 /** A ball, grey or chrome, of which all is known without rays to anything. */
 
-import { fromHalf, toHalf } from "../half.js";
-import { unproject } from "../lens.js";
-import { add, dot, sub, times, unit } from "../math.js";
+import { fromHalf, toHalf } from "../math/half.js";
+import { unproject } from "../math/lens.js";
+import { add, dot, sub, times, unit } from "../math/vectors.js";
 import { irradianceFrom, lampAlong, radianceFrom, visibility } from "./lamps.js";
 import { boxOf, coveredByBall } from "./shadow.js";
 
 /** @typedef {import("./lamps.js").Light} Light */
-/** @typedef {import("../lens.js").Lens} Lens */
-/** @typedef {import("../math.js").Vec3} Vec3 */
-/** @typedef {import("../scene.js").Frame} Frame */
+/** @typedef {import("../math/lens.js").Lens} Lens */
+/** @typedef {import("../math/vectors.js").Vec3} Vec3 */
+/** @typedef {import("../scene/scene.js").Frame} Frame */
 
 /** Reflectance of the grey ball, and of other grey objects. */
 export const GREY = 0.5;

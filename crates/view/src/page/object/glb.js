@@ -1,10 +1,10 @@
 /** Reads the triangles of a binary glTF 2.0 file: positions, normals, nodes, factors of materials. */
 
-import { cross, length, sub, times } from "../math.js";
+import { cross, length, sub, times } from "../math/vectors.js";
 
 /** @typedef {import("./mesh.js").Material} Material */
 /** @typedef {import("./mesh.js").Mesh} Mesh */
-/** @typedef {import("../math.js").Vec3} Vec3 */
+/** @typedef {import("../math/vectors.js").Vec3} Vec3 */
 /** A 4x4 matrix, columns one after the other. @typedef {readonly number[]} Matrix */
 
 /** Limits of a file: bytes, triangles, and nodes above one another. */

@@ -1,9 +1,9 @@
 /** The light on an object: lamps at their places, and all other light as a map of directions. */
 
-import { add, cross, dot, length, sub, times, unit } from "../math.js";
+import { add, cross, dot, length, sub, times, unit } from "../math/vectors.js";
 import { hull, isMesh, isMet, partsOf, reachOf, spreadOver } from "./meshlamp.js";
 
-/** @typedef {import("../math.js").Vec3} Vec3 */
+/** @typedef {import("../math/vectors.js").Vec3} Vec3 */
 /** A lamp of `luxel lights`: world units, radiance in the units of the data set. @typedef {{ shape: "sphere" | "disk" | "rectangle" | "mesh", middle: Vec3, normal?: Vec3, radius?: number, size?: [number, number], along?: Vec3, points?: Vec3[], triangles?: [number, number, number][], mean_area?: number, radiance: Vec3, intensity: Vec3, power: Vec3 }} Lamp */
 /** The light at a point: lamps, and all else as a map and as the irradiance that comes from it. @typedef {{ lamps: Lamp[], map: LightMap, fromMap: (normal: Vec3) => Vec3 }} Light */
 /** A map of directions, OpenEXR's latitude and longitude; rows of the turn from the world to its axes. @typedef {{ width: number, height: number, rgb: number[], map_from_world: number[][] }} LightMap */

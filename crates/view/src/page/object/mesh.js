@@ -1,6 +1,6 @@
 /** Meshes of objects: what they are made of, the frame in which they stand, and the simple ones. */
 
-/** @typedef {import("../math.js").Vec3} Vec3 */
+/** @typedef {import("../math/vectors.js").Vec3} Vec3 */
 /** A surface as glTF describes it: linear reflectance, 0 to 1 each, and the strength of the gloss of what is no metal. @typedef {{ base: Vec3, metallic: number, roughness: number, specular: number }} Material */
 /** Triangles with a normal at each corner, facing outwards; `materialOf` has an index for each triangle. @typedef {{ positions: Float32Array, normals: Float32Array, indices: Uint32Array, materials: readonly Material[], materialOf: Uint16Array }} Mesh */
 /** A mesh on the plane y = 0, over its middle, with a longest side of 2; `reach` is the radius of the ball around it. @typedef {Mesh & { height: number, reach: number }} StandingMesh */

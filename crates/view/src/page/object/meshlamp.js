@@ -1,8 +1,8 @@
 /** Lamps that are meshes: their parts as balls, points over them, their outline, and rays that meet them. */
 
-import { add, cross, dot, length, sub, times } from "../math.js";
+import { add, cross, dot, length, sub, times } from "../math/vectors.js";
 
-/** @typedef {import("../math.js").Vec3} Vec3 */
+/** @typedef {import("../math/vectors.js").Vec3} Vec3 */
 /** @typedef {import("./lamps.js").Lamp} Lamp */
 /** A lamp with a mesh. @typedef {Lamp & { points: Vec3[], triangles: [number, number, number][], mean_area: number }} MeshLamp */
 /** A triangle: its middle and its area. @typedef {{ middle: Vec3, area: number }} Tile */

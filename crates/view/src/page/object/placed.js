@@ -1,10 +1,10 @@
 /** An object placed by clicking: in the light of the scene, with its shadow on what the picture shows. */
 
-import { project } from "../lens.js";
-import { add, cross, dot, length, sub, times, turn, unit } from "../math.js";
-import { text } from "../measure.js";
-import { byId } from "../panel.js";
-import { checked } from "../server.js";
+import { byId } from "../dom/elements.js";
+import { project } from "../math/lens.js";
+import { add, cross, dot, length, sub, times, turn, unit } from "../math/vectors.js";
+import { text } from "../picture/pixels.js";
+import { checked } from "../scene/server.js";
 import { ballCaster, drawBall, GREY } from "./ball.js";
 import { readGlb } from "./glb.js";
 import { irradianceOf, outline } from "./lamps.js";
@@ -16,13 +16,13 @@ import { teapot } from "./teapot.js";
 
 /** @typedef {import("./lamps.js").Light} Light */
 /** @typedef {import("./mesh.js").Mesh} Mesh */
-/** @typedef {import("../lens.js").Lens} Lens */
-/** @typedef {import("../math.js").Vec3} Vec3 */
-/** @typedef {import("../overlay.js").Overlay} Overlay */
-/** @typedef {import("../part.js").Part} Part */
-/** @typedef {import("../scene.js").Frame} Frame */
-/** @typedef {import("../stream.js").Shown} Shown */
-/** @typedef {import("../viewer.js").Viewer} Viewer */
+/** @typedef {import("../math/lens.js").Lens} Lens */
+/** @typedef {import("../math/vectors.js").Vec3} Vec3 */
+/** @typedef {import("../viewer/overlay.js").Overlay} Overlay */
+/** @typedef {import("../viewer/part.js").Part} Part */
+/** @typedef {import("../scene/scene.js").Frame} Frame */
+/** @typedef {import("../scene/stream.js").Shown} Shown */
+/** @typedef {import("../viewer/viewer.js").Viewer} Viewer */
 /** An object that stands somewhere: the surface under it, where its front is before it is turned, its light. @typedef {{ under: import("./surface.js").Plane, front: Vec3, light: Light | null }} Standing */
 
 /** Points around a lamp's mark. */

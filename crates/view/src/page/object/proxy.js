@@ -1,14 +1,14 @@
 /** A proxy mesh of the scene (`luxel view --mesh`): a floor and walls to walk between, and a surface for the pivot. */
 
-import { add, dot, length, sub, times } from "../math.js";
-import { checked } from "../server.js";
+import { add, dot, length, sub, times } from "../math/vectors.js";
+import { checked } from "../scene/server.js";
 import { Tree } from "./bvh.js";
 import { readGlb } from "./glb.js";
 
-/** @typedef {import("../math.js").Vec3} Vec3 */
-/** @typedef {import("../part.js").Part} Part */
-/** @typedef {import("../scene.js").Scene} Scene */
-/** @typedef {import("../viewer.js").Viewer} Viewer */
+/** @typedef {import("../math/vectors.js").Vec3} Vec3 */
+/** @typedef {import("../viewer/part.js").Part} Part */
+/** @typedef {import("../scene/scene.js").Scene} Scene */
+/** @typedef {import("../viewer/viewer.js").Viewer} Viewer */
 
 /** Distance kept from walls, heights of the eye. */
 const MARGIN = 0.15;

@@ -1,9 +1,9 @@
 /** Draws triangles of a mesh into a buffer of depth: which triangle is seen at each of four places of a pixel. */
 
-import { dot, sub } from "../math.js";
+import { dot, sub } from "../math/vectors.js";
 
-/** @typedef {import("../lens.js").Lens} Lens */
-/** @typedef {import("../math.js").Vec3} Vec3 */
+/** @typedef {import("../math/lens.js").Lens} Lens */
+/** @typedef {import("../math/vectors.js").Vec3} Vec3 */
 
 /** Places along each side of a pixel. */
 export const SIDE = 2;

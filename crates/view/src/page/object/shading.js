@@ -4,14 +4,14 @@
  * mirrored direction (Karis, "Real shading in Unreal Engine 4", 2013, and its fit for phones of 2014).
  */
 
-import { add, dot, length, sub, times, unit } from "../math.js";
+import { add, dot, length, sub, times, unit } from "../math/vectors.js";
 import { GOLDEN, irradianceFrom, lampAlong, radianceFrom, reach } from "./lamps.js";
 import { partsOf } from "./meshlamp.js";
 
 /** @typedef {import("./lamps.js").Light} Light */
 /** @typedef {import("./lamps.js").LightMap} LightMap */
 /** @typedef {import("./mesh.js").Material} Material */
-/** @typedef {import("../math.js").Vec3} Vec3 */
+/** @typedef {import("../math/vectors.js").Vec3} Vec3 */
 /**
  * A place of a surface: unit vectors; the part of each lamp and of the map that is seen from it; whether
  * the object itself is what is mirrored there.

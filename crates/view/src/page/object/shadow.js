@@ -1,16 +1,16 @@
 /** The shadow of an object on what a picture shows. */
 
-import { fromHalf, toHalf } from "../half.js";
-import { project, unproject } from "../lens.js";
-import { add, dot, length, sub, times } from "../math.js";
+import { fromHalf, toHalf } from "../math/half.js";
+import { project, unproject } from "../math/lens.js";
+import { add, dot, length, sub, times } from "../math/vectors.js";
 import { irradianceFrom } from "./lamps.js";
 import { meeting } from "./surface.js";
 
 /** @typedef {import("./lamps.js").Lamp} Lamp */
 /** @typedef {import("./lamps.js").Light} Light */
-/** @typedef {import("../lens.js").Lens} Lens */
-/** @typedef {import("../math.js").Vec3} Vec3 */
-/** @typedef {import("../scene.js").Frame} Frame */
+/** @typedef {import("../math/lens.js").Lens} Lens */
+/** @typedef {import("../math/vectors.js").Vec3} Vec3 */
+/** @typedef {import("../scene/scene.js").Frame} Frame */
 /** @typedef {import("./surface.js").Plane} Plane */
 /**
  * What casts a shadow, in a ball of the world: the part of a lamp that a point sees past it, and the part

@@ -1,8 +1,8 @@
 /** A mesh that stands in the scene: how it is seen, and how it casts its shadow. */
 
-import { fromHalf, toHalf } from "../half.js";
-import { unproject } from "../lens.js";
-import { add, cross, dot, length, sub, times, unit } from "../math.js";
+import { fromHalf, toHalf } from "../math/half.js";
+import { unproject } from "../math/lens.js";
+import { add, cross, dot, length, sub, times, unit } from "../math/vectors.js";
 import { NEARER } from "./ball.js";
 import { Tree } from "./bvh.js";
 import { GOLDEN, spread, visibility } from "./lamps.js";
@@ -12,9 +12,9 @@ import { boxOf, coveredByBall } from "./shadow.js";
 
 /** @typedef {import("./lamps.js").Lamp} Lamp */
 /** @typedef {import("./lamps.js").Light} Light */
-/** @typedef {import("../lens.js").Lens} Lens */
-/** @typedef {import("../math.js").Vec3} Vec3 */
-/** @typedef {import("../scene.js").Frame} Frame */
+/** @typedef {import("../math/lens.js").Lens} Lens */
+/** @typedef {import("../math/vectors.js").Vec3} Vec3 */
+/** @typedef {import("../scene/scene.js").Frame} Frame */
 /** Place of a mesh: half of its longest side in world units, and its axes in the world. @typedef {{ origin: Vec3, right: Vec3, up: Vec3, front: Vec3, scale: number }} Pose */
 
 /** Points of a lamp that rays go to, from the surfaces around the object and from the object itself. */

@@ -1,11 +1,11 @@
 /** The flat surface that a picture shows around a pixel, from its depths, which are soft and rough. */
 
-import { unproject } from "../lens.js";
-import { add, cross, dot, length, sub, times, unit } from "../math.js";
+import { unproject } from "../math/lens.js";
+import { add, cross, dot, length, sub, times, unit } from "../math/vectors.js";
 
-/** @typedef {import("../lens.js").Lens} Lens */
-/** @typedef {import("../math.js").Vec3} Vec3 */
-/** @typedef {import("../scene.js").Frame} Frame */
+/** @typedef {import("../math/lens.js").Lens} Lens */
+/** @typedef {import("../math/vectors.js").Vec3} Vec3 */
+/** @typedef {import("../scene/scene.js").Frame} Frame */
 /** A plane: a point on it, and its normal towards the camera. @typedef {{ point: Vec3, normal: Vec3 }} Plane */
 
 /** Half of the side of the patch, as a part of the picture's width. */

@@ -1,7 +1,7 @@
 /** The Utah teapot: the Bezier patches that Martin Newell measured in 1975, evaluated. */
 
 /** @typedef {import("./mesh.js").Mesh} Mesh */
-/** @typedef {import("../math.js").Vec3} Vec3 */
+/** @typedef {import("../math/vectors.js").Vec3} Vec3 */
 
 /** Pieces along a side of a patch. */
 const PIECES = 7;
