@@ -168,13 +168,14 @@ impl Photograph {
                 mean_of(count)
             }
             None => {
-                let first = mean_of(FIRST_SAMPLES)?;
-                if first.quality.error <= TOLERANCE {
-                    return Ok(first);
+                let (mut count, mut taken) = (FIRST_SAMPLES, mean_of(FIRST_SAMPLES)?);
+                while taken.quality.error > TOLERANCE && count < MOST_SAMPLES {
+                    // The error of a sunflower falls with the number of its points.
+                    let needed = (f64::from(count) * taken.quality.error / TOLERANCE).ceil() as u32;
+                    count = needed.next_power_of_two().clamp(2 * count, MOST_SAMPLES);
+                    taken = mean_of(count)?;
                 }
-                // The error of a sunflower falls with the number of its points.
-                let needed = (f64::from(FIRST_SAMPLES) * first.quality.error / TOLERANCE).ceil() as u32;
-                mean_of(needed.next_power_of_two().min(MOST_SAMPLES))
+                Ok(taken)
             }
         }
     }
