@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use luxel::StopFlag;
-use luxel::run::EXIT_INTERRUPTED;
+use luxel_app::run::EXIT_INTERRUPTED;
 
 use crate::output::console;
 

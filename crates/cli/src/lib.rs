@@ -13,7 +13,7 @@ use std::io::{IsTerminal, Write};
 
 use anyhow::Result;
 use clap::FromArgMatches;
-use luxel::run::{ExplicitArgs, Outcome};
+use luxel_app::run::{ExplicitArgs, Outcome};
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;

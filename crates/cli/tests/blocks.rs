@@ -46,7 +46,7 @@ fn blocks_are_trained_like_data_sets_and_their_scenes_become_one() {
         place.ok(&words);
     }
     for run in ["blocks/runs/block_000", "blocks/runs/block_001"] {
-        let (_, config) = luxel::run::RunFolder::open(&place.path(run)).unwrap();
+        let (_, config) = luxel_app::run::RunFolder::open(&place.path(run)).unwrap();
         assert_eq!(config.train.radiance_scale, Some(blocks[0].radiance_scale));
     }
 

@@ -23,7 +23,7 @@ fn bench_counts_the_work_of_a_step(gpu: &str) {
     let place = Workplace::empty();
     let count = ["bench", "--generate", "400", "--size", "32x24", "--device", gpu, "--count"];
     let found: serde_json::Value = serde_json::from_str(&place.ok(&[&count[..], &["--json"]].concat())).unwrap();
-    assert_eq!(found["schema_version"], luxel::schema::BENCH_COUNT.version, "{found}");
+    assert_eq!(found["schema_version"], luxel_app::schema::BENCH_COUNT.version, "{found}");
     let at = |name: &str| found["work"][name].as_u64().unwrap();
     assert!(at("entries") > 100 && at("alive_pairs") > at("block_pairs") && at("submissions") == 1, "{found}");
     assert!(place.ok(&count).contains("alive pairs"));

@@ -5,7 +5,8 @@
 mod common;
 
 use common::{SIDE, VIEWS, Workplace, write_image};
-use luxel::{Downscale, run::RunFolder};
+use luxel::Downscale;
+use luxel_app::run::RunFolder;
 use luxel_core::Image;
 
 /// Room for four decoded images of nine.

@@ -4,7 +4,7 @@
 mod common;
 
 use common::Workplace;
-use luxel::schema::{self, Document};
+use luxel_app::schema::{self, Document};
 use serde_json::Value;
 
 /// Checks that a document is JSON and states the version.

@@ -135,7 +135,7 @@ fn events(place: &Workplace, args: &[&str]) -> (Option<i32>, Vec<Value>) {
     let stdout = String::from_utf8(output.stdout).unwrap();
     let events: Vec<Value> =
         stdout.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|e| panic!("{args:?}: {e} in {line}"))).collect();
-    assert!(events.iter().all(|event| event["schema_version"] == luxel::schema::EVENT.version), "{args:?}: {stdout}");
+    assert!(events.iter().all(|event| event["schema_version"] == luxel_app::schema::EVENT.version), "{args:?}: {stdout}");
     (output.status.code(), events)
 }
 
@@ -265,7 +265,7 @@ fn versions_and_metrics_name_revision_and_features() {
         let metrics = place.json("run/metrics.json");
         let revision = metrics["revision"].as_str().unwrap_or("unknown");
         assert!(long.contains(&format!("revision  {revision}")), "{revision} in {long}");
-        assert_eq!(metrics["features"], serde_json::json!(luxel::build_info::features()));
+        assert_eq!(metrics["features"], serde_json::json!(luxel_app::build_info::features()));
         assert_eq!(metrics["train_cpu_seconds"].is_f64(), cfg!(unix), "{metrics}");
     }
     let report = std::fs::read_to_string(place.path("run/report.html")).unwrap();
@@ -299,7 +299,7 @@ fn the_report_has_a_curve_of_test_views_that_costs_no_bit() {
     for step in training.by_ref() {
         step.unwrap();
     }
-    assert_eq!(training.into_scene().unwrap(), luxel::Scene::open(place.path("run")).unwrap());
+    assert_eq!(training.into_scene().unwrap(), luxel_app::run::open_scene(place.path("run"), &luxel::Silent).unwrap());
 }
 
 #[test]
@@ -313,7 +313,7 @@ fn a_machine_is_examined() {
     let output = place.luxel(&["doctor", "--json"]).env("PATH", "").output().unwrap();
     assert!(output.status.success());
     let facts: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(facts["schema_version"], luxel::schema::DOCTOR.version);
+    assert_eq!(facts["schema_version"], luxel_app::schema::DOCTOR.version);
     for program in ["colmap", "ffmpeg", "pycolmap"] {
         assert_eq!(facts[program]["found"], "no");
         assert!(facts[program]["install"].as_str().unwrap().contains("install"), "{facts}");

@@ -70,7 +70,10 @@ impl Dataset {
 
     /// Reads a data set as [`Self::open_within`] does; calls `planned` with what is known of its
     /// images before one is read.
-    pub(crate) fn open_planned(
+    ///
+    /// # Errors
+    /// As [`Self::open_within`].
+    pub fn open_planned(
         path: &Path,
         options: &LoadOptions,
         limits: ImageLimits<'_>,
@@ -229,7 +232,7 @@ impl Reading<'_> {
 }
 
 /// Says how much images are reduced that are too large to be trained on as they are by default.
-pub(crate) fn reduction_line(chosen: ChosenDownscale) -> String {
+pub fn reduction_line(chosen: ChosenDownscale) -> String {
     let ([width, height], [to_width, to_height]) = (chosen.largest_px, chosen.reduced_px());
     let factor = chosen.factor;
     format!(

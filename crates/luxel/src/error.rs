@@ -94,7 +94,7 @@ impl Error {
     }
 
     /// Wraps an error of a library below, whose message becomes that of this one.
-    pub(crate) fn wrap(error: impl Into<Boxed>) -> Self {
+    pub fn wrap(error: impl Into<Boxed>) -> Self {
         Self::with(Kind::Other(error.into()))
     }
 }
@@ -171,8 +171,6 @@ wrapped!(
     std::io::Error,
     std::num::TryFromIntError,
     serde_json::Error,
-    toml::ser::Error,
-    toml::de::Error,
     luxel_core::EngineError,
     luxel_core::ReadError,
     luxel_core::EditError,
@@ -187,11 +185,24 @@ wrapped!(
 );
 
 /// Adds a message to an error, which becomes its cause; or makes an error of a missing value.
-pub(crate) trait Context<T> {
+///
+/// ```
+/// use luxel::error::Context;
+///
+/// let read = std::fs::read("no/such/file").context("cannot read the notes");
+/// assert_eq!(read.unwrap_err().to_string(), "cannot read the notes");
+/// ```
+pub trait Context<T> {
     /// Adds `message`.
+    ///
+    /// # Errors
+    /// The error with its message, or that of a missing value.
     fn context(self, message: impl Into<String>) -> Result<T>;
 
     /// Adds the message that `message` makes.
+    ///
+    /// # Errors
+    /// As [`Self::context`].
     fn with_context<M: Into<String>>(self, message: impl FnOnce() -> M) -> Result<T>;
 }
 
@@ -216,6 +227,7 @@ impl<T> Context<T> for Option<T> {
 }
 
 /// Returns from the function with an [`Error`] of a formatted message.
+#[macro_export]
 macro_rules! bail {
     ($($message:tt)+) => {
         return Err($crate::Error::new(format!($($message)+)))
@@ -223,15 +235,16 @@ macro_rules! bail {
 }
 
 /// Returns from the function with an [`Error`] of a formatted message unless the condition holds.
+#[macro_export]
 macro_rules! ensure {
     ($condition:expr, $($message:tt)+) => {
         if !$condition {
-            $crate::error::bail!($($message)+);
+            $crate::bail!($($message)+);
         }
     };
 }
 
-pub(crate) use {bail, ensure};
+pub use {bail, ensure};
 
 #[cfg(test)]
 mod tests {

@@ -10,8 +10,8 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use luxel_metrics::ViewMetrics;
 
+use crate::live::LiveRun;
 use crate::log_record::LogRecord;
-use crate::run::LiveRun;
 
 /// Something that happened during a task.
 #[derive(Clone, Debug, PartialEq)]
@@ -181,6 +181,25 @@ pub struct Silent;
 
 impl Observer for Silent {
     fn event(&self, _: Event) {}
+}
+
+/// Counts images and reports them as [`Event::Frame`].
+#[derive(Clone, Copy)]
+pub struct FrameProgress<'a> {
+    /// Receives the events.
+    pub observer: &'a dyn Observer,
+    /// Images done so far.
+    pub done: u32,
+    /// Images in all.
+    pub total: u32,
+}
+
+impl FrameProgress<'_> {
+    /// Reports one more image.
+    pub fn add(&mut self, name: &str, files: Vec<PathBuf>) {
+        self.done += 1;
+        self.observer.event(Event::Frame { name: name.to_owned(), files, done: self.done, total: self.total });
+    }
 }
 
 /// Asks a task to stop at the next place where it can save its state. Clones share the request.

@@ -2,13 +2,10 @@
 
 use std::path::Path;
 
-use luxel_io::{IoError, NamedArray};
-use luxel_train::{ArrayFile, FileArray};
-use serde::Serialize;
+use luxel_io::IoError;
 
 use crate::Result;
 use crate::error::{Context, bail};
-use crate::schema::Document;
 
 /// Writes a file atomically.
 ///
@@ -38,25 +35,6 @@ pub fn remove_if_there(path: &Path) -> Result<()> {
 /// The file cannot be written.
 pub fn write_text(path: &Path, content: &str) -> Result<()> {
     write_bytes(path, content.as_bytes())
-}
-
-/// Writes a JSON file atomically, with the version of its schema.
-///
-/// # Errors
-/// The value has no form in JSON, or the file cannot be written.
-pub fn write_json(path: &Path, document: Document, value: &impl Serialize) -> Result<()> {
-    let content = serde_json::to_string_pretty(&document.versioned(value)).with_context(|| format!("{}: cannot encode", path.display()))?;
-    write_text(path, &(content + "\n"))
-}
-
-/// Writes a file of arrays atomically.
-///
-/// # Errors
-/// The file cannot be written.
-pub(crate) fn write_arrays(path: &Path, file: &ArrayFile) -> Result<(), IoError> {
-    let arrays = file.arrays.iter().map(|FileArray { name, shape, values }| NamedArray { name, shape, values });
-    let arrays: Vec<NamedArray<'_>> = arrays.collect();
-    luxel_io::write_arrays(path, file.format, &file.description, &arrays)
 }
 
 /// Reads a text file of at most `limit` bytes, without a byte order mark.

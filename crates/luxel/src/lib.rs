@@ -1,12 +1,12 @@
 //! Luxel for programs: data sets, training, rendering, editing and export of scenes in scene-linear
 //! radiance.
 //!
-//! This crate does what the program `luxel` does. It prints nothing and parses no arguments: long
-//! tasks report to an [`Observer`], and errors carry a message and their causes.
+//! This crate is what a program embeds. It prints nothing and parses no arguments: long tasks
+//! report to an [`Observer`], and errors carry a message and their causes.
 //!
 //! - [`Dataset`] reads posed images.
-//! - [`Training`] makes a [`Scene`] of them, step by step, in memory; [`run`] does it in a folder
-//!   with checkpoints, metrics and a report.
+//! - [`Training`] makes a [`Scene`] of them, step by step, in memory. The crate `luxel-app` does it
+//!   in a folder, with checkpoints, metrics and a report.
 //! - [`Renderer`] turns a scene and a camera into [`Radiance`], an image in the units of the data
 //!   set.
 //! - [`Device`] chooses what computes: the processor or a GPU.
@@ -54,8 +54,6 @@
 
 pub mod aov;
 pub mod bench;
-pub mod blocks;
-pub mod build_info;
 pub mod camera_path;
 pub mod colormap;
 pub mod compare;
@@ -63,13 +61,13 @@ mod dataset;
 mod device;
 pub mod display_lut;
 pub mod edit;
-mod error;
+pub mod error;
 mod events;
 pub mod export;
 pub mod files;
-pub mod implicit;
 pub mod lens;
 pub mod lights;
+mod live;
 mod log_record;
 pub mod machine;
 pub mod memory;
@@ -78,34 +76,31 @@ pub mod mix;
 pub mod output;
 pub mod photograph;
 pub mod pick;
-pub mod prepare;
 pub mod preview;
 pub mod probe;
-mod processor_time;
 mod radiance;
+pub mod refined_views;
 mod renderer;
-pub mod report;
-pub mod run;
 mod scene;
-pub mod schema;
 pub mod sight;
 pub mod solids;
 pub mod stage;
-mod step_methods;
-pub mod study;
+pub mod step_methods;
 pub mod synthetic;
 pub mod text;
 mod training;
-mod up;
+pub mod up;
 
 /// Vectors and matrices of cameras, similarities and lamps.
 pub use glam;
 
-pub use dataset::{Dataset, ImageLimits, bad_pixel_lines};
+pub use dataset::{Dataset, ImageLimits, bad_pixel_lines, reduction_line};
 pub use device::{Device, DeviceOptions, MAX_THREADS, SelectedEngine, start_threads};
 pub use error::{Error, Result, remedy_of};
-pub use events::{Event, ItemKind, Listening, Observer, Silent, StopFlag, Wish};
+pub use events::{Event, FrameProgress, ItemKind, Listening, Observer, Silent, StopFlag, Wish};
 pub use export::{Bake, ExportOptions};
+pub use live::LiveRun;
+pub use log_record::LogRecord;
 pub use luxel_core::tone::Tonemap;
 pub use luxel_core::{Camera, ColorSpace, Edit, Remedy, View};
 pub use luxel_cpu::InstructionSet;
@@ -113,7 +108,6 @@ pub use luxel_io::{Downscale, ImageMemory, LoadOptions, PathCamera, Supervision}
 pub use luxel_metrics::SplitMetrics;
 pub use luxel_train::{LensVignetting, Method, PoseChange, PoseReport, Preset, TrainConfig};
 pub use probe::{Probe, ProbeOptions};
-pub use processor_time::processor_seconds;
 pub use radiance::{FAR_DEPTH, RADIANCE_SCALE, Radiance, RadianceLayers};
 pub use renderer::Renderer;
 pub use scene::{Scene, decode_cameras, read_cameras};

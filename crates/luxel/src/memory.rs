@@ -1,9 +1,12 @@
-//! Memory of this process in bytes, on Linux; `None` elsewhere. And what a render takes, and a step
-//! may keep.
+//! Memory that work takes, in bytes: of a render, a step, a run.
+
+mod needs;
 
 use luxel_core::Remedy;
 use luxel_core::engine::DeepSample;
 
+pub use self::needs::RunMemory;
+pub(crate) use self::needs::engine_bytes;
 use crate::{Error, Result};
 
 /// Bytes per sample of a pixel in the engines' tiles: radiance and transmittance.
@@ -72,25 +75,6 @@ pub fn tile_bytes() -> u64 {
     luxel_io::system_memory().map_or(1 << 30, |bytes| (bytes / 8).clamp(256 << 20, 8 << 30))
 }
 
-/// Returns the resident memory (`VmRSS`).
-pub fn resident_bytes() -> Option<u64> {
-    status_bytes("VmRSS:")
-}
-
-/// Returns the peak of resident memory (`VmHWM`).
-pub fn peak_resident_bytes() -> Option<u64> {
-    status_bytes("VmHWM:")
-}
-
-fn status_bytes(key: &str) -> Option<u64> {
-    field_bytes(&std::fs::read_to_string("/proc/self/status").ok()?, key)
-}
-
-fn field_bytes(status: &str, key: &str) -> Option<u64> {
-    let rest = status.lines().find_map(|line| line.strip_prefix(key))?;
-    rest.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -114,13 +98,5 @@ mod tests {
         check_deep([640, 480], 16).unwrap();
         let error = check_deep([u32::MAX, 8], u16::MAX).unwrap_err();
         assert!(error.to_string().starts_with("a deep image of 4294967295 x 8 pixels with 65535 samples each takes about"), "{error}");
-    }
-
-    #[test]
-    fn kilobytes_of_a_field_become_bytes() {
-        let status = "Name:\tluxel\nVmHWM:\t    2048 kB\nVmRSS:\t 3 kB\n";
-        assert_eq!(field_bytes(status, "VmHWM:"), Some(2048 * 1024));
-        assert_eq!(field_bytes(status, "VmRSS:"), Some(3 * 1024));
-        assert_eq!(field_bytes(status, "VmSwap:"), None);
     }
 }

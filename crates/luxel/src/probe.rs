@@ -15,10 +15,9 @@ use luxel_io::{ExrOptions, ExrSample};
 use crate::error::Context;
 use crate::preview::{self, Look};
 use crate::radiance::RADIANCE_SCALE;
-use crate::run::FrameProgress;
 use crate::sight::sight;
 use crate::up::{Up, UpAxis, file_from_world};
-use crate::{Observer, Renderer, Result, output, text};
+use crate::{FrameProgress, Observer, Renderer, Result, output, text};
 
 /// Options of a probe.
 #[derive(Clone, Copy, Debug, PartialEq)]

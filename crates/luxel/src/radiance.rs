@@ -145,7 +145,7 @@ impl Radiance {
     }
 
     /// Encodes a frame as `luxel render` writes it: as [`Self::encode_exr`], with the digest of the
-    /// recipe that made it ([`output::Recipe`]).
+    /// recipe that made it, in [`output::MADE_BY`].
     ///
     /// # Errors
     /// An image without pixels.

@@ -6,12 +6,14 @@ use std::path::Path;
 use luxel_core::Edit;
 use luxel_core::edit::{Applied, MaskShares, ShMap};
 use luxel_io::PathCamera;
+use luxel_train::{ANCHOR_FORMAT, FIELD_FORMAT};
 
 use crate::error::Context;
 use crate::export::{Exported, export};
 use crate::probe::probe;
-use crate::run::{RunFolder, state};
-use crate::{Bake, Device, DeviceOptions, ExportOptions, Observer, Probe, ProbeOptions, Result, SelectedEngine, Silent, output};
+use crate::{
+    Bake, Device, DeviceOptions, Error, ExportOptions, Observer, Probe, ProbeOptions, Remedy, Result, SelectedEngine, Silent, output,
+};
 
 /// A scene. Dereferences to [`luxel_core::Scene`], whose splats are in normalised units.
 ///
@@ -31,13 +33,12 @@ use crate::{Bake, Device, DeviceOptions, ExportOptions, Observer, Probe, ProbeOp
 pub struct Scene(luxel_core::Scene);
 
 impl Scene {
-    /// Reads a scene file, or the newest scene of a run folder. Formats are PLY of this program,
-    /// plain and compressed 3DGS PLY, USD as text, binary or package, GLB and SPZ, recognised by
-    /// content.
+    /// Reads a scene file. Formats are PLY of this program, plain and compressed 3DGS PLY, USD as
+    /// text, binary or package, GLB and SPZ, recognised by content.
     ///
     /// # Errors
     /// A file that cannot be read, is damaged, or is of a format or version that is not supported;
-    /// a folder that is not a run, or has no scene yet.
+    /// a folder.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         Self::open_reporting(path, &Silent)
     }
@@ -49,10 +50,11 @@ impl Scene {
     pub fn open_reporting(path: impl AsRef<Path>, observer: &dyn Observer) -> Result<Self> {
         let path = path.as_ref();
         if path.is_dir() {
-            let (folder, _) = RunFolder::open(path)?;
-            return Ok(Self(state::newest_scene(&folder, observer)?.1));
+            let error = Error::new(format!("{}: is a folder, expected the file of a scene", path.display()));
+            let advice = "name the file; the scene of a run is point_cloud/iteration_N/point_cloud.ply in its folder";
+            return Err(error.with_remedy(Remedy::advice(advice)));
         }
-        crate::implicit::refuse_file(path)?;
+        refuse_implicit(path)?;
         let file = luxel_io::read_scene_file(path).context("cannot read the scene")?;
         file.warnings.iter().for_each(|warning| observer.warn(&format!("{}: {warning}", path.display())));
         Ok(Self(file.scene))
@@ -156,6 +158,17 @@ impl Deref for Scene {
     fn deref(&self) -> &luxel_core::Scene {
         &self.0
     }
+}
+
+/// Refuses a file of a field or of anchors, which have no splats.
+fn refuse_implicit(path: &Path) -> Result<()> {
+    if path.extension().is_none_or(|extension| extension != "safetensors") {
+        return Ok(());
+    }
+    let kinds = [(FIELD_FORMAT, "a radiance field, which has"), (ANCHOR_FORMAT, "anchors, which have")];
+    let Some((_, words)) = kinds.into_iter().find(|(format, _)| luxel_io::holds_arrays(path, format)) else { return Ok(()) };
+    let message = format!("{}: holds {words} no splats", path.display());
+    Err(Error::new(message).with_remedy(Remedy::advice("name the folder of its run to render or evaluate it")))
 }
 
 /// Reads the cameras of a file, in the coordinates of the data set (world): a `transforms.json`,

@@ -10,7 +10,7 @@ use luxel_train::{Method, NamedChoice, StepMethods, TrainingMeans};
 use crate::{Error, Remedy, Result};
 
 /// Returns the methods on splats with steps of their own.
-pub(crate) fn step_methods() -> &'static dyn StepMethods {
+pub fn step_methods() -> &'static dyn StepMethods {
     #[cfg(feature = "methods")]
     return &CapturedMethods;
     #[cfg(not(feature = "methods"))]
@@ -18,12 +18,12 @@ pub(crate) fn step_methods() -> &'static dyn StepMethods {
 }
 
 /// Returns the means of a training of splats on an engine.
-pub(crate) fn means_of(engine: Box<dyn Engine>) -> TrainingMeans<'static> {
+pub fn means_of(engine: Box<dyn Engine>) -> TrainingMeans<'static> {
     TrainingMeans { engine, methods: step_methods() }
 }
 
 /// Returns the error of something that a published method is needed for.
-pub(crate) fn not_built(what: impl std::fmt::Display) -> Error {
+pub fn not_built(what: impl std::fmt::Display) -> Error {
     let message = format!("{what}: this program was built without the feature methods, which has the published methods");
     Error::new(message).with_remedy(Remedy::advice("build it with the feature methods"))
 }
@@ -32,7 +32,7 @@ pub(crate) fn not_built(what: impl std::fmt::Display) -> Error {
 ///
 /// # Errors
 /// Names the feature that has it.
-pub(crate) fn check_is_built(method: Method) -> Result<()> {
+pub fn check_is_built(method: Method) -> Result<()> {
     let is_published = method.has_own_steps() || !method.stores_splats();
     if is_published && !cfg!(feature = "methods") {
         return Err(not_built(method.name()));

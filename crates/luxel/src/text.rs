@@ -29,13 +29,6 @@ pub fn duration(d: Duration) -> String {
     }
 }
 
-/// Returns what training took: `trained in 39 s, 1 min 15 s of processor time`.
-pub fn training_time(seconds: f64, processor_seconds: Option<f64>) -> String {
-    let of = |seconds: f64| duration(Duration::try_from_secs_f64(seconds).unwrap_or_default());
-    let processors = processor_seconds.map_or_else(String::new, |seconds| format!(", {} of processor time", of(seconds)));
-    format!("trained in {}{processors}", of(seconds))
-}
-
 /// Returns a number with three to four significant digits, without an exponent where that is short.
 pub fn number(v: f64) -> String {
     let a = v.abs();
@@ -62,23 +55,6 @@ pub fn alternatives(names: impl IntoIterator<Item = String>) -> String {
     }
 }
 
-/// Returns a word as a shell reads it: quoted where it has to be.
-pub fn shell_word(word: &str) -> String {
-    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
-    if !word.is_empty() && word.chars().all(is_plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
-}
-
-/// Returns the range of a decade of luminance (see [`luxel_metrics::DecadeError`]): `0.1 to
-/// 1`.
-pub fn decade(decade: i32) -> String {
-    let edge = |power: i32| if (-3..=3).contains(&power) { format!("{}", 10f64.powi(power)) } else { format!("1e{power}") };
-    match decade {
-        ..=-5 => "below 1e-4".into(),
-        4.. => "from 1e4".into(),
-        decade => format!("{} to {}", edge(decade), edge(decade + 1)),
-    }
-}
-
 /// Returns a line about local coordinates whose origin is not that of the world; `None` for others.
 pub fn origin_line(world_from_local: &luxel_core::Similarity) -> Option<String> {
     let origin = world_from_local.translation();
@@ -89,13 +65,6 @@ pub fn origin_line(world_from_local: &luxel_core::Similarity) -> Option<String> 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn words_are_quoted_for_a_shell() {
-        assert_eq!(shell_word("a/b-c.db"), "a/b-c.db");
-        assert_eq!(shell_word("my photos"), "'my photos'");
-        assert_eq!(shell_word("it's"), "'it'\\''s'");
-    }
 
     #[test]
     fn bytes_and_durations_have_the_unit_that_keeps_them_short() {
@@ -116,10 +85,5 @@ mod tests {
             [0.0, 0.012345, 1.23456, 12.3456, 332.04, 2.5e-5, 1e7].map(number),
             ["0", "0.01235", "1.235", "12.35", "332.0", "2.500e-5", "1.000e7"]
         );
-    }
-
-    #[test]
-    fn decades_are_ranges_open_at_the_ends() {
-        assert_eq!([-5, -4, -1, 0, 3, 4].map(decade), ["below 1e-4", "1e-4 to 0.001", "0.1 to 1", "1 to 10", "1000 to 1e4", "from 1e4"]);
     }
 }

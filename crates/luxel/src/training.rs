@@ -3,7 +3,7 @@
 //!
 //! In: a [`Dataset`] and settings; out: [`Progress`] step by step, metrics, and a [`Scene`]. A run
 //! pauses when iteration pauses. A checkpoint holds everything: a resumed training gives the same
-//! bits as an unbroken one. [`crate::run`] has training with a folder.
+//! bits as an unbroken one. The crate `luxel-app` trains in a folder.
 
 use std::collections::BTreeMap;
 use std::path::Path;

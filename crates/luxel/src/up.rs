@@ -55,7 +55,7 @@ pub(crate) fn turn_to_up(up: Up, target: UpAxis, dataset: Option<&Dataset>, turn
 }
 
 /// Returns the mean up direction of the cameras.
-pub(crate) fn up_of_cameras(dataset: &Dataset) -> Option<DVec3> {
+pub fn up_of_cameras(dataset: &Dataset) -> Option<DVec3> {
     let views = dataset.train.iter().chain(&dataset.test);
     let mean: DVec3 = views.map(|view| -view.camera.camera_from_world.matrix3.row(1)).sum();
     (mean.length() > 1e-6).then_some(mean)

@@ -1,7 +1,7 @@
 //! Options of training and of reading, by their names in `config.toml`.
 
-use luxel::run::RunConfig;
 use luxel::{LoadOptions, Preset, Supervision, TrainConfig};
+use luxel_app::run::RunConfig;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde::Serialize;

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
-use luxel::run::RunFolder;
 use luxel::{Device, DeviceOptions, Edit, Renderer, Scene};
+use luxel_app::run::{RunFolder, open_scene};
 use luxel_core::{Camera, Image, RadianceScale, RasterConfig, Similarity, Splats};
 use numpy::{PyArray2, PyArray3};
 use pyo3::prelude::*;
@@ -109,7 +109,7 @@ impl PyScene {
     #[staticmethod]
     fn open(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let read = move || {
-            let scene = Scene::open_reporting(&path, &PyObserver::default())?;
+            let scene = open_scene(&path, &PyObserver::default())?;
             let is_run = path.is_dir();
             let background = if is_run { RunFolder::open(&path)?.1.train.background } else { [0.0; 3] };
             Ok::<_, luxel::Error>(Self::new(scene, background))

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 use hyper::{Method, StatusCode};
 use luxel::edit::RemovalReason;
-use luxel::schema;
+use luxel_app::schema;
 use luxel_core::Camera;
 use luxel_core::edit::{EditStack, SelectionSummary};
 use serde::Deserialize;

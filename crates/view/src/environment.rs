@@ -10,7 +10,8 @@ use std::sync::Arc;
 
 use hyper::{Method, StatusCode};
 use luxel::probe::{ProbeWork, unseen};
-use luxel::{Camera, Probe, ProbeOptions, schema};
+use luxel::{Camera, Probe, ProbeOptions};
+use luxel_app::schema;
 use luxel_io::ExrSample;
 use serde_json::json;
 

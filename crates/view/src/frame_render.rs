@@ -11,8 +11,9 @@ use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use hyper::StatusCode;
-use luxel::output::{ExrType, FrameForm, Recipe};
+use luxel::output::ExrType;
 use luxel::{Camera, Error, PathCamera, Radiance, Result};
+use luxel_app::output::{FrameForm, Recipe};
 use serde::Deserialize;
 
 use crate::answer::Failure;

@@ -8,7 +8,8 @@ use std::sync::Arc;
 
 use hyper::{Method, StatusCode};
 use luxel::lights::{DomeOptions, LightOptions, SceneLights, lights_json, lights_seen_by};
-use luxel::{Device, DeviceOptions, SelectedEngine, Silent, schema};
+use luxel::{Device, DeviceOptions, SelectedEngine, Silent};
+use luxel_app::schema;
 use luxel_core::Camera;
 use serde_json::{Value, json};
 

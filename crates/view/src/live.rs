@@ -8,8 +8,7 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use luxel::run::{LiveRun, LogRecord};
-use luxel::{Error, Event, Observer, RadianceLayers, Result, StopFlag, Wish};
+use luxel::{Error, Event, LiveRun, LogRecord, Observer, RadianceLayers, Result, StopFlag, Wish};
 
 use crate::house::House;
 use crate::jobs::{Stage, Wanted};

@@ -2,7 +2,8 @@
 
 use bytes::Bytes;
 use hyper::StatusCode;
-use luxel::{Radiance, schema};
+use luxel::Radiance;
+use luxel_app::schema;
 use luxel_core::{Camera, OnDemand};
 use serde_json::{Value, json};
 

@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 
 use bytes::Bytes;
 use hyper::{Method, StatusCode};
-use luxel::schema;
+use luxel_app::schema;
 use serde_json::Value;
 
 use crate::answer::{Answer, Failure};

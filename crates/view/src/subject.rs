@@ -13,7 +13,6 @@ use glam::{DMat3, DVec3};
 use luxel::display_lut::DisplayLut;
 use luxel::export::{Up, UpAxis, file_from_world};
 use luxel::probe::Surroundings;
-use luxel::run::RunCameras;
 use luxel::{Result, Scene};
 use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Image, Mask, OnDemand, PixelValues, Similarity, View};
 use serde::Serialize;
@@ -311,10 +310,10 @@ impl Subject {
     }
 
     /// Moves the views to refined cameras; returns whether one of them was elsewhere.
-    pub(crate) fn move_views(&self, cameras: &RunCameras) -> bool {
+    pub(crate) fn move_views(&self, cameras: &BTreeMap<String, Camera>) -> bool {
         let mut has_moved = false;
         for view in &self.views {
-            let Some(refined) = cameras.camera(&view.name) else { continue };
+            let Some(refined) = cameras.get(&view.name) else { continue };
             let refined = self.local_camera(refined, 0);
             let mut camera = view.camera.write().unwrap_or_else(PoisonError::into_inner);
             has_moved |= *camera != refined;

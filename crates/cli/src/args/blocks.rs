@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::Args;
-use luxel::blocks::GridChoice;
+use luxel_app::blocks::GridChoice;
 use luxel_io::ImageMemory;
 
 use super::{ConsoleArgs, LoadArgs};

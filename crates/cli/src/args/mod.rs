@@ -31,7 +31,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Arg, Args, CommandFactory, Parser, Subcommand, ValueEnum};
-use luxel::run::ExplicitArgs;
+use luxel_app::run::ExplicitArgs;
 use luxel_metrics::FieldOptions;
 use luxel_train::{Method, NamedChoice};
 
@@ -98,7 +98,7 @@ pub(crate) struct Cli {
 
 /// Returns the cargo features of the program that change what it can do.
 pub(crate) fn features() -> Vec<&'static str> {
-    let mut features = luxel::build_info::features();
+    let mut features = luxel_app::build_info::features();
     features.extend(cfg!(feature = "view").then_some("view"));
     features.extend(cfg!(feature = "mpi").then_some("mpi"));
     features
@@ -107,7 +107,7 @@ pub(crate) fn features() -> Vec<&'static str> {
 /// Returns the program's arguments.
 pub(crate) fn command() -> clap::Command {
     let command = Cli::command()
-        .long_version(luxel::build_info::long_version_with(&features()))
+        .long_version(luxel_app::build_info::long_version_with(&features()))
         .mut_subcommand("reproduce", |reproduce| reproduce.mut_args(reproduce::adapted));
     command.mut_subcommands(|subcommand| {
         let is_prepare = subcommand.get_name() == "prepare";

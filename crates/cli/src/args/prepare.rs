@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
-use luxel::prepare::{
+use luxel_app::prepare::{
     CameraModel, Features, KnownDistance, Mapper, Markers, Matching, OcioChoice, PrepareOptions, ProjectionChoice, ResponseChoice,
     StructureFromMotion, WhiteBalance,
 };

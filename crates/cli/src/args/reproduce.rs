@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::builder::{OsStringValueParser, Resettable, TypedValueParser};
 use clap::{Arg, Args};
-use luxel::run::ExplicitArgs;
-use luxel::study::{METHOD_OPTIONS, StudyDataset, StudyMethod, StudyShare, parse_dataset, parse_methods, parse_share};
+use luxel_app::run::ExplicitArgs;
+use luxel_app::study::{METHOD_OPTIONS, StudyDataset, StudyMethod, StudyShare, parse_dataset, parse_methods, parse_share};
 use luxel_train::{MAX_SEED, NamedChoice, OptionSpec, Preset, TrainConfig};
 
 use super::train_options::TrainOptions;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use clap::ArgMatches;
 use clap::parser::ValueSource;
-use luxel::run::{Choice, Difference, ExplicitArgs, Inapplicable, MadeBy, RunConfig, RunOptions};
+use luxel_app::run::{Choice, Difference, ExplicitArgs, Inapplicable, MadeBy, RunConfig, RunOptions};
 
 use super::{TrainArgs, flag};
 

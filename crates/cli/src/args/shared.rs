@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use luxel::run::{ExplicitArgs, PlotLog, RunOptions, TimeLimit};
 use luxel::{Device, DeviceOptions, Downscale, LoadOptions};
+use luxel_app::run::{ExplicitArgs, PlotLog, RunOptions, TimeLimit};
 use luxel_io::{Exposures, ImageMemory, MaskSource};
 
 use super::flag;

@@ -4,9 +4,10 @@
 use std::ffi::OsString;
 
 use anyhow::{Context, Result};
-use luxel::blocks::{BlockPart, SplitBlock, SplitOptions, merge, split};
-use luxel::run::ExplicitArgs;
-use luxel::{LoadOptions, TrainConfig, output, text};
+use luxel::{LoadOptions, TrainConfig, output};
+use luxel_app::blocks::{BlockPart, SplitBlock, SplitOptions, merge, split};
+use luxel_app::run::ExplicitArgs;
+use luxel_app::text;
 use serde_json::json;
 
 use crate::args::{MergeArgs, SplitArgs};

@@ -7,8 +7,8 @@ use std::fmt::Write as _;
 
 use anyhow::{Context, Result, bail};
 use luxel::compare::{CompareOptions, Comparison, ImageMetrics, compare};
-use luxel::run::RunFolder;
-use luxel::{schema, text};
+use luxel_app::run::RunFolder;
+use luxel_app::{schema, text};
 use luxel_metrics::{DecadeError, FLIP_PIXELS_PER_DEGREE};
 use serde_json::json;
 

@@ -7,7 +7,8 @@ use std::sync::mpsc;
 use std::time::Duration;
 
 use anyhow::Result;
-use luxel::{build_info, machine, schema};
+use luxel::machine;
+use luxel_app::{build_info, schema};
 use serde_json::Value;
 
 use crate::args::{self, DoctorArgs};

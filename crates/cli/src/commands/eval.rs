@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use luxel::run::evaluation::read_lpips;
-use luxel::run::{EvaluationData, ExplicitArgs, MetricsOptions, RunFolder, evaluate_run, evaluate_scene};
-use luxel::{files, output, schema};
+use luxel::compare::read_lpips;
+use luxel_app::run::{EvaluationData, ExplicitArgs, MetricsOptions, RunFolder, evaluate_run, evaluate_scene};
+use luxel_app::{files, output, schema};
 use luxel_core::RadianceScale;
 use luxel_metrics::Lpips;
 use serde_json::json;

@@ -4,8 +4,8 @@ mod page;
 
 use anyhow::{Result, bail};
 use luxel::export::{BakeError, BakeErrorValues, Exported, Format, export, exported_map};
-use luxel::run::ExplicitArgs;
 use luxel::{Device, output, text};
+use luxel_app::run::ExplicitArgs;
 use luxel_io::SpzPositions;
 
 use crate::args::ExportArgs;

@@ -3,12 +3,11 @@
 use std::path::Path;
 
 use anyhow::{Result, bail};
-use luxel::Device;
 use luxel::export::Up;
 use luxel::mesh::{EXTENSIONS, SceneMesh, mesh};
-use luxel::output;
-use luxel::run::ExplicitArgs;
 use luxel::stage::{Stage, is_usd_file};
+use luxel::{Device, output};
+use luxel_app::run::ExplicitArgs;
 use luxel_core::{Camera, Dataset};
 use luxel_io::StageChoice;
 

@@ -2,7 +2,8 @@
 
 use anyhow::{Context, Result, bail};
 use luxel::mix::{MixInput, mix};
-use luxel::{Scene, output, text};
+use luxel::{output, text};
+use luxel_app::run::open_scene;
 use serde_json::json;
 
 use crate::args::MixArgs;
@@ -20,7 +21,7 @@ pub(crate) fn run(args: &MixArgs) -> Result<()> {
     output::check_free(&args.output, args.overwrite)?;
     let weights = args.weights.iter().copied().chain(std::iter::repeat(1.0));
     let open = |(path, weight): (&std::path::PathBuf, f32)| {
-        let scene = Scene::open_reporting(path, &console)?.into_core();
+        let scene = open_scene(path, &console)?.into_core();
         Ok(MixInput { name: path.display().to_string(), scene, weight })
     };
     let inputs: Vec<MixInput> = args.scenes.iter().zip(weights).map(open).collect::<Result<_>>()?;

@@ -5,8 +5,9 @@ use std::fmt::Write as _;
 use anyhow::{Context, Result, bail};
 use luxel::edit::find_view;
 use luxel::pick::{Pick, pick};
-use luxel::run::ExplicitArgs;
-use luxel::{schema, text};
+use luxel::text;
+use luxel_app::run::ExplicitArgs;
+use luxel_app::schema;
 
 use crate::args::PickArgs;
 use crate::inputs::engine;

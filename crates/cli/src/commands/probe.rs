@@ -3,8 +3,8 @@
 use anyhow::Result;
 use luxel::preview::Look;
 use luxel::probe::{Probe, light_json, probe, unseen};
-use luxel::run::ExplicitArgs;
 use luxel::{Device, output, text};
+use luxel_app::run::ExplicitArgs;
 use luxel_core::environment::Light;
 use luxel_core::{Camera, Dataset, Scene};
 

@@ -10,11 +10,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use luxel::edit::StackInputs;
-use luxel::output::{self, FrameState, Recipe};
 use luxel::preview::{self, Curve, Look};
-use luxel::run::evaluation::unique_stems;
-use luxel::run::{ExplicitArgs, FrameProgress, state};
-use luxel::{Device, FAR_DEPTH, RADIANCE_SCALE, files, text};
+use luxel::{Device, FAR_DEPTH, FrameProgress, RADIANCE_SCALE, files, text};
+use luxel_app::output::{self, FrameState, Recipe};
+use luxel_app::run::evaluation::unique_stems;
+use luxel_app::run::{ExplicitArgs, state};
 use luxel_core::edit::EditStack;
 use luxel_core::{Camera, ColorSpace, Conversion, Engine, Layers, RasterConfig, RenderOptions, Scene};
 use luxel_io::ExrOptions;
@@ -88,7 +88,7 @@ fn open_engine(args: &RenderArgs, source: &mut SceneSource, console: &Console) -
     let Some(implicit) = source.implicit.take() else { return Ok(OpenEngine { engine: selected.engine, content: Content::Nothing }) };
     if let (Some((folder, _)), true) = (&source.run, is_edited) {
         // Edits are of splats.
-        luxel::implicit::refuse(folder)?;
+        luxel_app::implicit::refuse(folder)?;
     }
     let content = Content::Implicit(implicit.digest());
     Ok(OpenEngine { engine: implicit.into_engine(selected)?.engine, content })

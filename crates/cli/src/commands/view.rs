@@ -5,9 +5,9 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use luxel::display_lut::DisplayLut;
-use luxel::prepare::cd_m2_per_unit;
-use luxel::run::ExplicitArgs;
 use luxel::{Device, Renderer, Scene};
+use luxel_app::prepare::cd_m2_per_unit;
+use luxel_app::run::ExplicitArgs;
 use luxel_core::{ColorSpace, Dataset};
 use luxel_io::OcioDisplay;
 use luxel_view::{Live, Other, Subject, Viewer};

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use anyhow::{Result, bail};
-use luxel::run::ExplicitArgs;
 use luxel::{LoadOptions, Observer};
+use luxel_app::run::ExplicitArgs;
 use luxel_core::{ColorSpace, Dataset};
 
 use crate::args::flag;

@@ -4,9 +4,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
-use luxel::implicit::ImplicitScene;
-use luxel::run::{ExplicitArgs, RunCameras, RunConfig, RunFolder, state};
 use luxel::{LoadOptions, Remedy, text};
+use luxel_app::implicit::ImplicitScene;
+use luxel_app::run::{ExplicitArgs, RunCameras, RunConfig, RunFolder, state};
 use luxel_core::{Dataset, Scene};
 
 use super::data;
@@ -67,7 +67,7 @@ impl SceneSource {
             (None, Some(path)) => path.to_owned(),
             (None, None) => return None,
         };
-        luxel::prepare::cd_m2_per_unit(&path)
+        luxel_app::prepare::cd_m2_per_unit(&path)
     }
 
     /// Reads the scene at `path`.
@@ -86,7 +86,7 @@ impl SceneSource {
         if path.is_dir() {
             let (folder, config) = RunFolder::open(path)?;
             if !config.train.method.stores_splats() {
-                let (iteration, found) = luxel::implicit::newest_scene(&folder, console)?;
+                let (iteration, found) = luxel_app::implicit::newest_scene(&folder, console)?;
                 console.note(&format!("step {iteration}: {}", found.summary()));
                 return Ok(Self { scene: found.place.clone(), implicit: Some(found), run: Some((folder, config)), iteration });
             }
@@ -107,7 +107,7 @@ impl SceneSource {
     fn refine_cameras(&self, request: DataRequest<'_>, dataset: &mut Dataset) -> Result<()> {
         let Some((folder, config)) = &self.run else { return Ok(()) };
         let own = config.dataset_path(folder.root());
-        if request.data.is_none_or(|path| luxel::output::is_same(path, &own)) {
+        if request.data.is_none_or(|path| luxel_app::output::is_same(path, &own)) {
             RunCameras::read_at(folder, self.iteration)?.apply_to_dataset(dataset);
         }
         Ok(())

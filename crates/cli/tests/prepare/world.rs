@@ -40,7 +40,7 @@ fn a_known_distance_scales_the_set_to_metres() {
     assert!((d[0] - c[0] - 2.0).abs() < 1e-9);
     let scale = || report(&output)["world"]["scale"].as_f64().unwrap();
     assert!((scale() - 20.0).abs() < 1e-6 && report(&output)["world"]["metres_per_unit"].as_f64() == Some(1.0));
-    assert_eq!(luxel::prepare::metres_per_unit(&output), Some(1.0));
+    assert_eq!(luxel_app::prepare::metres_per_unit(&output), Some(1.0));
     let page = std::fs::read_to_string(output.join("prepare.html")).unwrap();
     assert!(page.contains("up is -y, from what is up in images"));
     // Points of the coordinates before, by the same cameras.

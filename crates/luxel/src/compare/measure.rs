@@ -16,7 +16,6 @@ use super::{CompareOptions, ImageMetrics};
 use crate::colormap::magma;
 use crate::error::{Context, bail};
 use crate::radiance::RADIANCE_SCALE;
-use crate::run::evaluation;
 use crate::{Observer, Result};
 
 /// Share of the references' pixels that are darker than the scale, unless one is given.
@@ -89,7 +88,7 @@ impl Settings {
             mu: options.mu,
             peak_luminance: options.peak_luminance,
             flip,
-            lpips: evaluation::read_lpips(options.lpips_weights.as_deref())?,
+            lpips: super::read_lpips(options.lpips_weights.as_deref())?,
             transfer: options.transfer,
             layer: options.layer.clone(),
             color_space: options.color_space.unwrap_or_default(),

@@ -2,19 +2,17 @@
 //!
 //! In: paths and [`CompareOptions`]. Out: [`Comparison`]: every metric of every pair, and means.
 //! Images of folders are matched by their names without extension. Degenerate: images without a
-//! partner are left out with a warning; folders without a pair are an error. [`compare_runs`]
-//! compares two runs.
+//! partner are left out with a warning; folders without a pair are an error.
 
 mod images;
 mod measure;
 mod options;
 mod pairs;
-mod runs;
 
 use std::path::{Path, PathBuf};
 
 use luxel_core::{ColorSpace, Remedy};
-use luxel_metrics::{FieldMetrics, ViewMetrics};
+use luxel_metrics::{FieldMetrics, Lpips, ViewMetrics};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -22,7 +20,6 @@ pub use self::images::{ImageComparison, compare_images};
 use self::measure::Settings;
 pub use self::options::CompareOptions;
 use self::pairs::Pairs;
-pub use self::runs::{ComparedRun, ComparedView, FULL_SCALE_ERROR, RunComparison, compare_runs};
 use crate::error::{Context, bail};
 use crate::{Error, Observer, Result, output};
 
@@ -63,6 +60,13 @@ pub struct MeanMetrics {
     /// Metrics without a mu-law.
     #[serde(flatten)]
     pub field: FieldMetrics,
+}
+
+impl MeanMetrics {
+    /// Returns the means over images; zeros without any.
+    pub fn new(mu_law: &[ViewMetrics], field: &[FieldMetrics]) -> Self {
+        Self { mu_law: ViewMetrics::mean(mu_law).unwrap_or_default(), field: FieldMetrics::mean(field).unwrap_or_default() }
+    }
 }
 
 /// The metrics of an image.
@@ -168,7 +172,7 @@ pub fn compare(reference: &Path, test: &Path, options: &CompareOptions, observer
         scale_rule: settings.scale_rule,
         peak_luminance: settings.peak_luminance,
         mu: settings.mu,
-        mean: mean_metrics(&mu_law, &field),
+        mean: MeanMetrics::new(&mu_law, &field),
         images,
         missing_test: paths(pairs.only_reference),
         missing_reference: paths(pairs.only_test),
@@ -176,7 +180,12 @@ pub fn compare(reference: &Path, test: &Path, options: &CompareOptions, observer
     })
 }
 
-/// Returns the means over images; zeros without any.
-fn mean_metrics(mu_law: &[ViewMetrics], field: &[FieldMetrics]) -> MeanMetrics {
-    MeanMetrics { mu_law: ViewMetrics::mean(mu_law).unwrap_or_default(), field: FieldMetrics::mean(field).unwrap_or_default() }
+/// Reads the network of LPIPS from a file of weights; `None` without one.
+///
+/// # Errors
+/// A file that cannot be read, or whose weights are of another network.
+pub fn read_lpips(weights: Option<&Path>) -> Result<Option<Lpips>> {
+    let Some(path) = weights else { return Ok(None) };
+    let tensors = luxel_io::read_tensors(path).context("cannot read the weights")?;
+    Lpips::from_tensors(&tensors).map(Some).with_context(|| format!("{}: cannot be used for LPIPS", path.display()))
 }

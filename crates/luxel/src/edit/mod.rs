@@ -1,18 +1,15 @@
 //! Edits of light on a scene: painted masks projected onto the splats, edits applied and reported,
-//! the selection drawn over a view, and two scenes compared under the same edit.
+//! the selection drawn over a view.
 //!
 //! In: [`Edit`]s, a scene, and for masks and pictures the views of a data set. Out: the edited
 //! scene, and a summary of each edit. Degenerate: a selection without splats is a warning, not an
 //! error.
 
-mod against;
 mod clean;
 mod masks;
 mod overlay;
 mod stack;
-pub(crate) mod trial;
 
-pub use self::against::{Against, EditComparison, EditFidelity, FULL_SCALE_ERROR, compare_edits};
 pub use self::clean::{RemovalReason, Removed, Watching};
 pub use self::masks::{find_view, mask_names, needs_dataset, project_masks};
 pub(crate) use self::overlay::with_radiance;

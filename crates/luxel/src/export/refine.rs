@@ -24,7 +24,7 @@ use super::error::reference;
 use super::gain::{GainView, Gains, exposed};
 use crate::camera_path::with_at_most;
 use crate::error::Context;
-use crate::run::engine_bytes;
+use crate::memory::engine_bytes;
 use crate::{Event, Observer, Result, memory, text};
 
 /// Steps of refinement unless a number is given.
@@ -76,7 +76,7 @@ fn reduced(view: &View) -> View {
 ///
 /// # Errors
 /// The system refuses it.
-pub(crate) fn check_refinement_room(scene: &Scene, dataset: &Dataset) -> Result<()> {
+pub fn check_refinement_room(scene: &Scene, dataset: &Dataset) -> Result<()> {
     let views = Refinement::DEFAULT.views(shown(dataset));
     let pixels: Vec<u64> = views.iter().map(|view| view.camera.size_px.map(u64::from).iter().product()).collect();
     let largest = pixels.iter().copied().max().unwrap_or(0);

@@ -15,8 +15,7 @@ use super::mesh_light::{MeshFit, mesh_fit};
 use super::placing::{LEAST_CAMERAS, LEAST_PARALLAX_DEG, place, widest_angle_deg};
 use super::windows::{self, Rectangle, Window};
 use super::{AreaLight, LightOptions, Portal, measure};
-use crate::run::FrameProgress;
-use crate::{Observer, Result, text};
+use crate::{FrameProgress, Observer, Result, text};
 
 /// Relative error of a fit from which on a lamp has no clear shape.
 const UNCLEAR: f64 = 0.5;

@@ -18,9 +18,8 @@ pub use luxel_mesh::{FusionReport, Lengths, MeshError, TriangleMesh};
 
 use self::views::{SurfaceView, views};
 use crate::error::Context;
-use crate::run::FrameProgress;
 use crate::up::{Up, UpAxis, file_from_world};
-use crate::{Error, Observer, Remedy, Result};
+use crate::{Error, FrameProgress, Observer, Remedy, Result};
 
 /// Options of a mesh. Lengths are in the world of the data set.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,7 +1,7 @@
 //! Markers in photographs.
 
 use clap::ValueEnum;
-use luxel::prepare::MarkerFamily;
+use luxel_app::prepare::MarkerFamily;
 
 /// `--marker-family`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]

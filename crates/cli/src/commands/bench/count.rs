@@ -9,8 +9,9 @@ use crate::output::console::Console;
 #[cfg(feature = "gpu")]
 pub(super) fn run(args: &BenchArgs, console: &Console) -> Result<()> {
     use anyhow::{Context, bail};
+    use luxel::Device;
     use luxel::bench::Protocol;
-    use luxel::{Device, schema};
+    use luxel_app::schema;
     use luxel_gpu::{DeviceChoice, Gpu, GpuEngine};
     use luxel_train::NamedChoice;
     use serde_json::{Map, Value, json};

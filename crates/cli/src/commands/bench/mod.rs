@@ -5,8 +5,9 @@ mod report;
 mod workload;
 
 use anyhow::Result;
+use luxel::SelectedEngine;
 use luxel::bench::{Protocol, measure};
-use luxel::{SelectedEngine, memory};
+use luxel_app::process;
 use luxel_train::NamedChoice;
 use report::{PassMedian, Report, Spread};
 use serde_json::json;
@@ -53,7 +54,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<()> {
         step_ms: Spread::from_times(&measured.step_ms),
         step_in_a_row_ms: measured.step_in_a_row_ms,
         passes_ms: measured.passes_ms.iter().map(|(pass, ms)| PassMedian { pass: *pass, ms: Spread::from_times(ms).median }).collect(),
-        peak_rss_bytes: memory::peak_resident_bytes(),
+        peak_rss_bytes: process::peak_resident_bytes(),
         first_loss: measured.first.loss,
         luxel_version: luxel::VERSION,
     };

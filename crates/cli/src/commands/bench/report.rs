@@ -1,6 +1,7 @@
 //! The measurement as JSON for programs and as a table for people.
 
-use luxel::{schema, text};
+use luxel::text;
+use luxel_app::schema;
 use luxel_core::Pass;
 use luxel_core::engine::Evaluations;
 use serde::{Serialize, Serializer};

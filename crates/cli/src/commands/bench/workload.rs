@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use luxel::output;
+use luxel::{Silent, output};
+use luxel_app::run::open_scene;
 use luxel_core::{
     Camera, ColorModel, ColorSpace, Cutoffs, Engine, Image, RadianceScale, RasterConfig, RenderOptions, Scene, Similarity, Splats, View,
     spatial_order, synthetic,
@@ -89,7 +90,7 @@ const SPLAT_BYTES: u64 = 1300;
 fn source(args: &BenchArgs) -> Result<Source> {
     match (&args.workload, args.generate) {
         (Some(path), _) => {
-            let scene = luxel::Scene::open(path)?.into_core();
+            let scene = open_scene(path, &Silent)?.into_core();
             if scene.splats.is_empty() {
                 bail!("{}: no splats, expected a scene with some to measure on", path.display());
             }

@@ -5,8 +5,10 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use luxel::compare::{CompareOptions, ComparedRun, ImageMetrics, MeanMetrics, RunComparison, compare_runs};
-use luxel::{files, output, schema, text};
+use luxel::compare::{CompareOptions, ImageMetrics, MeanMetrics};
+use luxel::text;
+use luxel_app::compare::{ComparedRun, RunComparison, compare_runs};
+use luxel_app::{files, output, schema};
 
 use crate::args::CompareArgs;
 use crate::output::console::Console;

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Result, bail};
-use luxel::run::ExplicitArgs;
+use luxel_app::run::ExplicitArgs;
 
 use crate::args::{ExportArgs, flag};
 use crate::output::console::Console;

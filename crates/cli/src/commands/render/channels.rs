@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail};
 use luxel::aov::{Cryptomatte, Matte, MatteRenderer, Motion, motion, splat_ids};
-use luxel::output::{FrameForm, Recipe};
+use luxel_app::output::{FrameForm, Recipe};
 use luxel_core::{Edit, Engine, Layers, RenderOptions, Scene};
 use luxel_io::ExrPlane;
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use luxel::output::{self, FrameState, Recipe};
+use luxel_app::output::{self, FrameState, Recipe};
 use luxel_core::engine::DeepImage;
 use luxel_core::{Conversion, Engine, RenderOptions, Scene};
 use luxel_io::{ExrOptions, ExrSample};
