@@ -4,8 +4,8 @@
 //! of the cameras, with normals and radiance, and a [`FusionReport`]. Depths become truncated
 //! signed distances in a sparse volume, weighted by how sure they are; the surface is extracted
 //! where several images agree, rid of small islands and holes, and simplified. Lengths follow from
-//! the images, unless given. Equal input gives equal bits for any number of threads. Degenerate:
-//! images that agree on nothing are an error.
+//! the images, unless given. A [`Grid`] of values has surfaces of its own. Equal input gives equal
+//! bits for any number of threads. Degenerate: images that agree on nothing are an error.
 //!
 //! ```
 //! use glam::{DAffine3, DVec2};
