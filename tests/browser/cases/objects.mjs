@@ -160,7 +160,7 @@ export default {
         far: towards([0, 0, 100])[0] * 1e4,
         near: towards([0, 0, 0.5])[0],
         hit: [lampAlong([lamp], [0.9, 0, 3], [0, 0, -1]), lampAlong([lamp], [0.9, 0.2, 3], [0, 0, -1]), lampAlong([lamp], [0.9, 0, 3], [0, 0, 1])],
-        outline: outline(lamp, [0, 0, 5], 16).length,
+        outline: outline(lamp, [0, 0, 5], 16).map((line) => line.length),
         reach: reach(lamp),
         ends: spread(lamp, [0, 0, 5], 8).slice(0, 2).map(([x]) => x),
         seen: visibility(lamp, [0, 0, 3], [0.75, 0, 1], 0.3),
@@ -171,7 +171,8 @@ export default {
     // Of a line of even light; as a point it is 8.
     near(found.near, 2 / (0.5 * Math.hypot(1, 0.5)), 0.25, "irradiance nearby");
     assert.deepEqual(found.hit, [[10, 5, 1], null, null]);
-    assert.ok(found.outline >= 4, `${found.outline} corners`);
+    // Twice along its length; the bar is open at its ends.
+    assert.deepEqual(found.outline, [22]);
     near(found.reach, Math.hypot(1, 0.05, 0.05), 1e-6, "reach");
     assert.deepEqual(found.ends.map(Math.abs), [1, 1]);
     assert.ok(found.seen > 0.4 && found.seen < 0.95, `a ball before one end hides a part: ${found.seen}`);

@@ -1,7 +1,7 @@
 /** The light on an object: lamps at their places, and all other light as a map of directions. */
 
 import { add, cross, dot, length, sub, times, unit } from "../math/vectors.js";
-import { hull, isMesh, isMet, partsOf, reachOf, spreadOver } from "./meshlamp.js";
+import { isMesh, isMet, outlines, partsOf, reachOf, spreadOver } from "./meshlamp.js";
 
 /** @typedef {import("../math/vectors.js").Vec3} Vec3 */
 /** A lamp of `luxel lights`: world units, radiance in the units of the data set. @typedef {{ shape: "sphere" | "disk" | "rectangle" | "mesh", middle: Vec3, normal?: Vec3, radius?: number, size?: [number, number], along?: Vec3, points?: Vec3[], triangles?: [number, number, number][], mean_area?: number, radiance: Vec3, intensity: Vec3, power: Vec3 }} Lamp */
@@ -124,10 +124,12 @@ function acrossOf(lamp, eye) {
   return { side, other: cross(axis, side) };
 }
 
-/** Points around a lamp's edge, as it is seen from `eye`. @param {Lamp} lamp @param {Vec3} eye @param {number} count @returns {Vec3[]} */
-export function outline(lamp, eye, count) {
+/** Closed lines around a lamp's edge, as it is seen from `eye`; a round one has `count` points. @param {Lamp} lamp @param {Vec3} eye @param {number} count @returns {Vec3[][]} */
+export const outline = (lamp, eye, count) => (isMesh(lamp) ? outlines(lamp, eye) : [edge(lamp, eye, count)]);
+
+/** @param {Lamp} lamp @param {Vec3} eye @param {number} count @returns {Vec3[]} */
+function edge(lamp, eye, count) {
   const { side, other } = acrossOf(lamp, eye);
-  if (isMesh(lamp)) return hull(lamp, side, other);
   if (lamp.size) {
     const [along, across] = [times(side, lamp.size[0] / 2), times(other, lamp.size[1] / 2)];
     return [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([a, b]) => add(lamp.middle, add(times(along, a), times(across, b))));

@@ -78,18 +78,25 @@ export function spreadOver({ points, middle }, count) {
   return found;
 }
 
-/** The convex outline of a lamp in the plane of two directions, its corners. @param {MeshLamp} lamp @param {Vec3} side @param {Vec3} other @returns {Vec3[]} */
-export function hull({ points }, side, other) {
-  const flat = points.map((point) => ({ point, x: dot(point, side), y: dot(point, other) })).sort((a, b) => a.x - b.x || a.y - b.y);
-  const chain = (/** @type {typeof flat} */ sorted) => {
-    /** @type {typeof flat} */ const kept = [];
-    for (const next of sorted) {
-      for (let [a, b] = kept.slice(-2); b && (b.x - a.x) * (next.y - a.y) <= (b.y - a.y) * (next.x - a.x); [a, b] = kept.slice(-2)) kept.pop();
-      kept.push(next);
+/** The outline of a lamp from `eye`, in closed lines: the sides that part what faces it from what does not. @param {MeshLamp} lamp @param {Vec3} eye @returns {Vec3[][]} */
+export function outlines(lamp, eye) {
+  const faces = lamp.triangles.filter((triangle) => {
+    const [a, b, c] = cornersOf(lamp, triangle);
+    return dot(cross(sub(b, a), sub(c, a)), sub(eye, a)) > 0;
+  });
+  const sides = faces.flatMap(([a, b, c]) => [[a, b], [b, c], [c, a]]);
+  const all = new Set(sides.map(String));
+  /** The corners that follow a corner. @type {Map<number, number[]>} */ const next = new Map();
+  for (const [from, to] of sides) if (!all.has(String([to, from]))) next.set(from, [...(next.get(from) ?? []), to]);
+  const lines = [];
+  for (const [start, ends] of next) {
+    while (ends.length) {
+      const line = [lamp.points[start]];
+      for (let at = ends.pop(); at !== undefined && at !== start; at = next.get(at)?.pop()) line.push(lamp.points[at]);
+      lines.push(line);
     }
-    return kept.slice(0, -1);
-  };
-  return [...chain(flat), ...chain(flat.reverse())].map(({ point }) => point);
+  }
+  return lines;
 }
 
 /** Whether a ray meets a lamp. @param {MeshLamp} lamp @param {Vec3} from @param {Vec3} direction of unit length */

@@ -230,7 +230,7 @@ export class Placed {
     const weights = viewer.scene?.luminance_weights ?? [0, 0, 0];
     overlay.context.strokeStyle = "#ffd76a";
     object.light.lamps.forEach((lamp, i) => {
-      overlay.path(outline(lamp, lens.eye, MARKS), lens, true);
+      for (const line of outline(lamp, lens.eye, MARKS)) overlay.path(line, lens, true);
       const place = project(lens, lamp.middle);
       if (place) overlay.label(`lamp ${i + 1} · power ${text(dot(lamp.power, weights))}`, place.x + 10, place.y - 10);
     });
