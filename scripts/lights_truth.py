@@ -54,7 +54,8 @@ def traced(mi, scene, point, samples):
         ray = mi.RayDifferential3f(mi.Point3f(*map(float, point)), mi.Vector3f(rays.T.astype(np.float32)))
         found, _, _ = integrator.sample(scene, sampler, ray)
         total += np.array(found).reshape(3, -1).T
-        dr.flush_malloc_cache() if seed % 64 == 63 else None
+        if seed % 64 == 63:
+            dr.flush_malloc_cache()
     return total / samples
 
 
@@ -86,7 +87,7 @@ def map_radiance(path):
 
 
 def lamp_irradiance(lamp, point):
-    """Irradiance [normals, 3] of a lamp, a point or what is seen of its mesh."""
+    """Irradiance [normals, 3] of a lamp: of a mesh by its outline, of other shapes as a point."""
     normals, _ = sphere(*NORMALS)
     if lamp["shape"] != "mesh":
         way = np.array(lamp["middle"]) - point

@@ -24,7 +24,8 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Returns the surface at a level, simplified to about a number of triangles.
+    /// Returns the surface around the values below `level`. More than `triangles` triangles are
+    /// simplified to that many, or to a few more where the topology forbids less.
     pub fn surface(&self, level: f32, triangles: usize) -> TriangleMesh {
         let mut mesh = TriangleMesh::default();
         let shape = RuntimeShape::<u32, 3>::new(self.size.map(|side| side as u32));

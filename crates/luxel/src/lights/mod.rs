@@ -6,8 +6,8 @@
 //! pixels are brighter than [`LightOptions::medians`] times the scene's median. Its power is fitted
 //! to what all cameras that see it get from it, not read off one map: cameras measure light in
 //! directions that training knows, and Lambert's law takes it to the others. Long and bent lamps
-//! become meshes. What explains the light in no shape, or is so far that the cameras see it from
-//! one side only, stays in the map. Windows are fainter and larger, and found by their own
+//! become meshes. Groups whose light no shape explains, and those so far that the cameras see them
+//! from one side only, stay in the map. Windows are fainter and larger, and found by their own
 //! threshold; they become rectangles, or portals of the map.
 //!
 //! Degenerate: a scene of even light has no lamps; its map holds all of its light. Mirrors show
