@@ -18,6 +18,7 @@ use luxel_mesh::{Grid, TriangleMesh};
 use super::emitters::{Emitter, covariance};
 use super::fit::{self, Distribution, Fit, Sample};
 use super::windows::least_axis;
+use crate::photograph::GOLDEN_TURN;
 
 /// Length over the mean of the sides across it, in standard deviations, from which on a group is no
 /// ball.
@@ -183,10 +184,10 @@ fn cover(is_covered: &mut [bool], [a, b, c]: [DVec2; 3]) {
 }
 
 fn light_mesh(mesh: &TriangleMesh, middle: DVec3) -> LightMesh {
-    // Directions that are spread evenly by the golden section.
+    // Directions that are spread evenly, as the seeds of a sunflower are.
     let direction = |i: u32| {
         let z = (f64::from(i) + 0.5) / f64::from(DIRECTIONS);
-        let (sin, cos) = (std::f64::consts::TAU * 0.618_033_988_749_895 * f64::from(i)).sin_cos();
+        let (sin, cos) = (std::f64::consts::TAU * GOLDEN_TURN * f64::from(i)).sin_cos();
         DVec3::new(cos * (1.0 - z * z).sqrt(), sin * (1.0 - z * z).sqrt(), z)
     };
     let mean_area = (0..DIRECTIONS).map(|i| seen_area(mesh, direction(i))).sum::<f64>() / f64::from(DIRECTIONS);

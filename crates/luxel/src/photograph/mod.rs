@@ -26,6 +26,7 @@ use std::ops::RangeInclusive;
 use glam::{DQuat, DVec2, DVec3};
 use luxel_core::{Camera, Engine, Image, RenderOptions};
 
+pub(crate) use self::samples::GOLDEN_TURN;
 pub use self::samples::{BLADES, LensSample, lens_samples};
 use crate::Result;
 use crate::error::{Context, ensure};

@@ -7,7 +7,7 @@ use std::ops::RangeInclusive;
 pub const BLADES: RangeInclusive<u8> = 3..=32;
 
 /// Part of a turn from one seed of a sunflower to the next.
-const GOLDEN_TURN: f64 = 0.618_033_988_749_894_9;
+pub(crate) const GOLDEN_TURN: f64 = 0.618_033_988_749_894_9;
 /// Step of the sequence of moments: the first of the two numbers of Roberts' R2 sequence, which no
 /// pattern of the golden turn repeats.
 const MOMENT_STEP: f64 = 0.754_877_666_246_692_7;
