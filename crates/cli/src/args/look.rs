@@ -7,7 +7,7 @@ use std::sync::Arc;
 use anyhow::Result;
 use clap::Args;
 use luxel::preview::Curve;
-use luxel_io::{DisplayCurve, DisplayPrimaries, OcioDisplay};
+use luxel_io::OcioDisplay;
 
 use super::values::TonemapArg;
 
@@ -51,12 +51,4 @@ pub(crate) fn note_of_pictures(curve: &Curve) -> Option<String> {
         Some(_) => Some(format!("a PNG says that it is for the display {name}; programs take an SDR video for sRGB")),
         None => Some(format!("pictures are for the display {name}; programs take a PNG and an SDR video for sRGB")),
     }
-}
-
-/// Returns what to say of a page that shows a display which the browser takes for another one.
-pub(crate) fn note_of_page(display: &OcioDisplay) -> Option<String> {
-    let is_usual =
-        display.encoding().is_some_and(|encoding| encoding.primaries == DisplayPrimaries::Rec709 && encoding.curve != DisplayCurve::Pq);
-    let name = display.display();
-    (!is_usual).then(|| format!("the page shows the codes of the display {name}; the browser takes them for sRGB"))
 }

@@ -9,11 +9,10 @@ use luxel::{Device, Renderer, Scene};
 use luxel_app::prepare::cd_m2_per_unit;
 use luxel_app::run::ExplicitArgs;
 use luxel_core::{ColorSpace, Dataset};
-use luxel_io::OcioDisplay;
+use luxel_io::{DisplayCurve, DisplayPrimaries, OcioDisplay};
 use luxel_view::{Live, Other, Subject, Viewer};
 use serde_json::json;
 
-use crate::args::look::note_of_page;
 use crate::args::{DeviceArgs, ViewArgs};
 use crate::inputs::engine;
 use crate::inputs::scene_source::{DataRequest, SceneSource};
@@ -47,6 +46,14 @@ pub(crate) fn run(args: &ViewArgs, explicit: &ExplicitArgs) -> Result<()> {
     drop(dataset);
     announce(&viewer, !args.no_browser, &console)?;
     Ok(viewer.serve_beside(subject, scene, renderer, other.into_iter().collect(), interrupt::stop())?)
+}
+
+/// Returns what to say of a page that shows a display which the browser takes for another one.
+fn note_of_page(display: &OcioDisplay) -> Option<String> {
+    let is_usual =
+        display.encoding().is_some_and(|encoding| encoding.primaries == DisplayPrimaries::Rec709 && encoding.curve != DisplayCurve::Pq);
+    let name = display.display();
+    (!is_usual).then(|| format!("the page shows the codes of the display {name}; the browser takes them for sRGB"))
 }
 
 /// Reads a proxy mesh for the page.
