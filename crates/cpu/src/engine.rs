@@ -47,10 +47,12 @@ impl CpuEngine {
     /// # Errors
     /// [`EngineError::Device`] if the threads can't be started.
     pub fn new(threads: usize) -> Result<Self, EngineError> {
-        let pool =
-            rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("luxel-cpu-{i}")).build().map_err(|e| {
-                EngineError::device(format!("cpu: cannot start {threads} threads: {e}")).with_remedy(Remedy::lower("threads"))
-            })?;
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .thread_name(|i| format!("luxel-cpu-{i}"))
+            .spawn_handler(luxel_lanes::start_thread)
+            .build()
+            .map_err(|e| EngineError::device(format!("cpu: cannot start {threads} threads: {e}")).with_remedy(Remedy::lower("threads")))?;
         Ok(Self { pool: Arc::new(pool), state: State::new(), lenses: Lenses::default(), spare: Arc::default(), record_bytes: RECORD_BYTES })
     }
 

@@ -1,4 +1,5 @@
-//! The instruction sets that Luxel's kernels are compiled for, and the choice among them.
+//! What Luxel's kernels run on: the instruction sets that they are compiled for, the choice among
+//! them, and the start of threads.
 //!
 //! A kernel is written once over `S: Simd`, sixteen numbers at a time. [`dispatch!`] compiles it
 //! for each set of [`Level`] and picks one at run time. Every set costs its share of the build and
@@ -6,10 +7,12 @@
 //! AVX2 run the baseline, which gives the same bits.
 
 mod level;
+mod thread;
 
 pub use fearless_simd::Simd;
 
 pub use crate::level::{Baseline, Level};
+pub use crate::thread::start_thread;
 
 /// Runs `$body`, compiled for the instruction set `$level`, with its token as `$simd`.
 ///

@@ -279,7 +279,7 @@ pub fn start_threads(threads: Option<u32>) -> Result<()> {
         return Err(error.with_remedy(Remedy::set("threads", "a number in that range").or(Remedy::leave_out("threads"))));
     }
     let count = threads.map_or(0, |threads| threads as usize);
-    match rayon::ThreadPoolBuilder::new().num_threads(count).build_global() {
+    match rayon::ThreadPoolBuilder::new().num_threads(count).spawn_handler(luxel_lanes::start_thread).build_global() {
         // Without a cause, the error is that the threads run already.
         Err(error) if error.source().is_some() => {
             let count = threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), |threads| threads as usize);
