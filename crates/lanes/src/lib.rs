@@ -1,15 +1,20 @@
-//! The instruction sets that Luxel's kernels are compiled for, and the choice among them.
+//! The instruction sets that Luxel's kernels are compiled for, and the choice among them; sixteen
+//! numbers in memory, their sums, and their elementary functions.
 //!
 //! A kernel is written once over `S: Simd`, sixteen numbers at a time. [`dispatch!`] compiles it
 //! for each set of [`Level`] and picks one at run time. Every set costs its share of the build and
 //! of the program, so there are three on x86-64 and one elsewhere. Processors with SSE4.2 but not
 //! AVX2 run the baseline, which gives the same bits.
 
+pub mod functions;
 mod level;
+mod memory;
+pub mod sums;
 
 pub use fearless_simd::Simd;
 
 pub use crate::level::{Baseline, Level};
+pub use crate::memory::{LANES, Lanes};
 
 /// Runs `$body`, compiled for the instruction set `$level`, with its token as `$simd`.
 ///

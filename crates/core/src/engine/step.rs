@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::adam::AdamBetas;
 use super::{CameraGradient, CameraGradientChoice, Dropout, RenderOptions};
 use crate::{Knots, LossWeights, VIGNETTING_TERMS};
 
@@ -54,28 +55,6 @@ impl LearningRates {
         }
     }
 }
-
-/// Adam's beta_1.
-pub const ADAM_BETA1: f32 = 0.9;
-/// Adam's beta_2.
-pub const ADAM_BETA2: f32 = 0.999;
-/// Adam's decay rates of the moments at one step.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AdamBetas {
-    /// Decay rate of the first moments.
-    pub first: f32,
-    /// Decay rate of the second moments.
-    pub second: f32,
-}
-
-impl Default for AdamBetas {
-    fn default() -> Self {
-        Self { first: ADAM_BETA1, second: ADAM_BETA2 }
-    }
-}
-
-/// Adam's epsilon.
-pub const ADAM_EPSILON: f32 = 1e-15;
 
 /// Noise on positions after the update (3DGS-MCMC): `Sigma n sigmoid(100 (0.005 - opacity)) scale`,
 /// n standard normal.
