@@ -9,7 +9,7 @@ use std::path::Path;
 
 use glam::{DMat3, DVec3};
 use luxel_core::environment::{Light, MapSize, PanoramaRig, PartialPanorama, Projection, Summary, lights};
-use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Engine, Image, Layers, RadianceScale, RenderOptions, Scene};
+use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Engine, Image, Layers, RadianceScale, RenderOptions, Scene, text};
 use luxel_io::{ExrOptions, ExrSample};
 
 use crate::error::Context;
@@ -17,7 +17,7 @@ use crate::preview::{self, Look};
 use crate::radiance::RADIANCE_SCALE;
 use crate::sight::sight;
 use crate::up::{Up, UpAxis, file_from_world};
-use crate::{FrameProgress, Observer, Renderer, Result, output, text};
+use crate::{FrameProgress, Observer, Renderer, Result, output};
 
 /// Options of a probe.
 #[derive(Clone, Copy, Debug, PartialEq)]

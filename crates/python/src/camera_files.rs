@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use luxel::export::Up;
-use luxel::stage::{Stage, is_usd_file};
+use luxel_app::stage::{Stage, is_usd_file};
 use luxel_io::{PathCamera, StageChoice, StageMotion};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -114,5 +114,5 @@ pub(crate) fn write_cameras(
         }
         _ => return Err(invalid(format!("{}: expected the extension .json, .usda or .usd", path.display()))),
     };
-    luxel::files::write_text(&path, &text).or_raise()
+    luxel_app::files::write_text(&path, &text).or_raise()
 }

@@ -50,6 +50,7 @@ mod probe_map;
 mod query;
 mod routes;
 mod server;
+pub mod solids;
 mod splats;
 mod stage;
 mod status;

@@ -12,6 +12,7 @@ use luxel::{Error, Event, LiveRun, LogRecord, Observer, RadianceLayers, Result, 
 
 use crate::house::House;
 use crate::jobs::{Stage, Wanted};
+use crate::solids;
 use crate::stage::{LastPicture, without_layers};
 use crate::status::{Record, Shared, Status, TrainingStatus};
 use crate::variant::Variant;
@@ -209,8 +210,8 @@ impl LiveStage<'_, '_> {
         };
         let scene = self.run.scene()?;
         match wanted.variant.clip {
-            Some(clip) => luxel::solids::render(&clip.apply(&scene, &wanted.camera), &wanted.camera, solids),
-            None => luxel::solids::render(&scene, &wanted.camera, solids),
+            Some(clip) => solids::render(&clip.apply(&scene, &wanted.camera), &wanted.camera, solids),
+            None => solids::render(&scene, &wanted.camera, solids),
         }
     }
 }

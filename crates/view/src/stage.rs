@@ -7,7 +7,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use luxel::solids::{self, SolidOptions};
+use crate::solids::{self, SolidOptions};
 use luxel::{Error, Radiance, RadianceLayers, Renderer, Result, Scene};
 use luxel_core::edit::EditStack;
 

@@ -323,7 +323,7 @@ impl Workshop {
             && let Some(oldest) = painted.pop_front()
         {
             for extension in ["png", "json"] {
-                luxel::files::remove_if_there(&folder.path().join(SUBFOLDER).join(format!("{oldest}.{extension}")))?;
+                luxel_app::files::remove_if_there(&folder.path().join(SUBFOLDER).join(format!("{oldest}.{extension}")))?;
             }
         }
         Ok(name)

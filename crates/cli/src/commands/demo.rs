@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use include_dir::{Dir, include_dir};
+use luxel::LoadOptions;
 use luxel::preview::{self, Look};
-use luxel::{LoadOptions, files};
-use luxel_app::output;
 use luxel_app::run::{Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLock, RunOptions, TrainedRun, fresh};
+use luxel_app::{files, output};
 use luxel_core::tone::Tonemap;
 use luxel_core::{Dataset, RadianceScale, View, luminance_rec709};
 use luxel_train::{NamedChoice, Reconstruction, TrainConfig};

@@ -5,9 +5,9 @@ use std::path::Path;
 use anyhow::{Result, bail};
 use luxel::export::Up;
 use luxel::mesh::{EXTENSIONS, SceneMesh, mesh};
-use luxel::stage::{Stage, is_usd_file};
 use luxel::{Device, output};
 use luxel_app::run::ExplicitArgs;
+use luxel_app::stage::{Stage, is_usd_file};
 use luxel_core::{Camera, Dataset};
 use luxel_io::StageChoice;
 

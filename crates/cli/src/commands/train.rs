@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use luxel::{Remedy, text};
-use luxel_app::output;
+use luxel::Remedy;
 use luxel_app::run::{
     ExplicitArgs, ImplicitKind, Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLock, TrainedRun, follow, fresh_over,
     resume_over,
 };
+use luxel_app::{output, text};
 use luxel_core::{Alone, CameraProjection, Dataset, Exchange, View};
 use luxel_train::{MAX_BATCH, Method};
 use serde_json::json;

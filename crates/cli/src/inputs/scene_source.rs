@@ -4,9 +4,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
-use luxel::{LoadOptions, Remedy, text};
+use luxel::{LoadOptions, Remedy};
 use luxel_app::implicit::ImplicitScene;
 use luxel_app::run::{ExplicitArgs, RunCameras, RunConfig, RunFolder, state};
+use luxel_app::text;
 use luxel_core::{Dataset, Scene};
 
 use super::data;

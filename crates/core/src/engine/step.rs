@@ -90,6 +90,37 @@ pub struct StepConfig {
     pub camera_gradient: CameraGradientChoice,
 }
 
+/// Learning rate of a step at rest: so small that the scene does not change over any number of
+/// steps. Adam's work is the same at any rate but 0.
+const RATE_AT_REST: f32 = 1e-9;
+
+impl StepConfig {
+    /// Returns a step with the work of any other that leaves the scene as it is, to measure how
+    /// long steps take.
+    pub fn at_rest(step: u32, render: RenderOptions) -> Self {
+        Self {
+            step,
+            render,
+            loss: LossWeights::default(),
+            learning_rates: LearningRates {
+                position: RATE_AT_REST,
+                rotation: RATE_AT_REST,
+                log_scale: RATE_AT_REST,
+                opacity_logit: RATE_AT_REST,
+                sh_dc: RATE_AT_REST,
+                sh_rest: RATE_AT_REST,
+                luminance_dc: RATE_AT_REST,
+                luminance_rest: RATE_AT_REST,
+            },
+            betas: AdamBetas::default(),
+            position_noise: None,
+            dropout: None,
+            stats: StatsCollection::Gradients,
+            camera_gradient: CameraGradientChoice::Skip,
+        }
+    }
+}
+
 /// The densification statistics that a step collects.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum StatsCollection {

@@ -7,9 +7,10 @@ use luxel::camera_path::{Resized, camera_path, resized};
 use luxel::edit::{mask_names, needs_dataset};
 use luxel::export::Up;
 use luxel::lens::{Lens, LensKind, pose_at, stereo_pair};
-use luxel::stage::{Stage, is_usd_file};
-use luxel::{files, output, text};
+use luxel::output;
 use luxel_app::run::ExplicitArgs;
+use luxel_app::stage::{Stage, is_usd_file};
+use luxel_app::{files, text};
 use luxel_core::{Camera, CameraProjection, Dataset, Scene};
 use luxel_io::{PathCamera, StageChoice, StageMotion};
 

@@ -12,9 +12,9 @@ use glam::{DMat3, DVec3};
 use luxel_core::{Dataset, Similarity};
 use luxel_io::{PathCamera, StageCameras, StageChoice, StageMotion};
 
-use crate::Result;
-use crate::error::Context;
-use crate::up::{Up, UpAxis, file_from_world};
+use luxel::Result;
+use luxel::error::Context;
+use luxel::export::{Up, UpAxis, file_from_world};
 
 /// The stage of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
