@@ -77,11 +77,11 @@ mod radiance;
 pub mod refined_views;
 mod renderer;
 mod scene;
-mod sight;
 pub mod step_methods;
 pub mod synthetic;
 mod training;
 mod up;
+mod visibility;
 
 /// Vectors and matrices of cameras, similarities and lamps.
 pub use glam;
@@ -89,7 +89,7 @@ pub use glam;
 pub use dataset::{Dataset, ImageLimits, bad_pixel_lines, reduction_line};
 pub use device::{Device, DeviceOptions, MAX_THREADS, SelectedEngine, processor_name, start_threads};
 pub use error::{Error, Result, remedy_of};
-pub use events::{Event, FrameProgress, ItemKind, Listening, Observer, Silent, StopFlag, Wish};
+pub use events::{Event, FrameProgress, ItemKind, Observer, Silent, StopFlag, StopListener, VisitAction};
 pub use export::{Bake, ExportOptions};
 pub use live::LiveRun;
 pub use log_record::LogRecord;
