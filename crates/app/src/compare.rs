@@ -8,12 +8,12 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use luxel::colormap::magma;
 use luxel::error::{Context, bail};
 use luxel::{Error, Observer, Remedy, Result};
 use luxel_core::Image;
 use luxel_core::tone::{Tonemap, display_rgb8, rec709_of};
 use luxel_io::ReadOptions;
+use luxel_metrics::colormap::magma;
 use serde::Serialize;
 
 use luxel::compare::{CompareOptions, Comparison, ImageMetrics, MeanMetrics, compare};

@@ -10,6 +10,8 @@
 //! - [`blocks`] splits a large data set, whose blocks are trained as runs, and merges their scenes.
 //! - [`compare`] and [`edit`] put two runs, or two scenes under the same edit, side by side.
 //! - [`report`] makes pages of plots, pictures and tables.
+//! - [`pick`] says what a pixel is made of, [`bench`] how long renders and steps take,
+//!   [`usd_space`] where cameras of OpenUSD are in a scene, [`machine`] what the machine is.
 //! - [`output`], [`files`] and [`schema`] say how results are named, written and versioned.
 //!
 //! Like the library it prints nothing and parses no arguments, and its errors are the library's.
@@ -17,13 +19,16 @@
 //!
 //! The feature `methods`, off by default, adds published methods to compare with.
 
+pub mod bench;
 pub mod blocks;
 pub mod build_info;
 pub mod compare;
 pub mod edit;
 pub mod files;
-pub mod implicit;
+pub mod machine;
+pub mod non_splat;
 pub mod output;
+pub mod pick;
 pub mod prepare;
 pub mod process;
 pub mod report;
@@ -31,6 +36,7 @@ pub mod run;
 pub mod schema;
 pub mod study;
 pub mod text;
+pub mod usd_space;
 
 /// The example of the crate's README, compiled as a doc test.
 #[cfg(doctest)]

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-pub use luxel::text::{alternatives, bytes, count, duration, number, one_line, origin_line, plural, printable};
+pub use luxel_core::text::{alternatives, bytes, count, duration, number, one_line, origin_line, plural, printable};
 
 /// Returns what training took: `trained in 39 s, 1 min 15 s of processor time`.
 pub fn training_time(seconds: f64, processor_seconds: Option<f64>) -> String {

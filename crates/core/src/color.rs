@@ -18,7 +18,7 @@ mod mix;
 
 use serde::{Deserialize, Serialize};
 
-pub use self::activation::{Activation, MAX_EXP_ARGUMENT};
+pub use self::activation::{Activation, MAX_EXP_ARGUMENT, softplus};
 pub use self::light::Light;
 use self::light::{Form, LuminanceTerm, log_constant};
 pub use self::mix::{Component, MAX_LIGHTS, Mix};

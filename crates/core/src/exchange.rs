@@ -2,8 +2,8 @@
 //!
 //! In: messages of 32-bit words to every rank. Out: those that every rank sent to this one, in the
 //! order of ranks, whichever arrived first. What is exchanged, and what is computed from it, is the
-//! business of training; an implementation only carries words. [`Alone`] is a single process.
-//! Degenerate: a rank that is gone is an error of every other, or ends them.
+//! business of training; an implementation only carries words. [`SingleProcess`] has nobody to
+//! exchange with. Degenerate: a rank that is gone is an error of every other, or ends them.
 
 use std::ops::Range;
 
@@ -113,9 +113,9 @@ pub trait Exchange: Send {
 
 /// The exchange of a process that trains alone.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Alone;
+pub struct SingleProcess;
 
-impl Exchange for Alone {
+impl Exchange for SingleProcess {
     fn rank(&self) -> usize {
         0
     }

@@ -45,12 +45,14 @@ mod vignetting;
 pub use camera::{Camera, CameraError, Distortion, MAX_SIDE_PX};
 pub use camera_motion::CameraMotion;
 pub use capture::{NoiseModel, PixelValues};
-pub use color::{Activation, ColorBasis, ColorModel, Component, DEAD_CHROMA_FLOOR, Light, MAX_EXP_ARGUMENT, MAX_LIGHTS, Mix, SH_OFFSET};
+pub use color::{
+    Activation, ColorBasis, ColorModel, Component, DEAD_CHROMA_FLOOR, Light, MAX_EXP_ARGUMENT, MAX_LIGHTS, Mix, SH_OFFSET, softplus,
+};
 pub use colorspace::{Chromaticities, ColorSpace, Conversion};
 pub use dataset::{BadPixels, Dataset, Observation, Point, View};
 pub use edit::{Edit, EditError, Map, MapChain, Selection};
 pub use engine::{Antialias, Cutoffs, Engine, EngineError, Layers, MAX_SAMPLES, Pass, PassTime, RasterConfig, RenderOptions, StepReport};
-pub use exchange::{Alone, Exchange, ExchangeError, Messages};
+pub use exchange::{Exchange, ExchangeError, Messages, SingleProcess};
 pub use image::{Image, ReducedBlock, luminance_rec709, luminance_sum};
 pub use local_frame::SceneBounds;
 pub use loss::{LossWeights, SQUARED_KNEE, Target};

@@ -201,8 +201,7 @@ pub(crate) fn loss_uniform(weights: &LossWeights, view: &View, mu: f32, total: f
 
 /// Returns the uniform of the optimiser for `count` splats.
 pub(crate) fn optimizer_uniform(step: &StepConfig, count: usize) -> OptimizerUniform {
-    let correction = |beta: f32| 1.0 / (1.0 - f64::from(beta).powi(step.step.clamp(1, i32::MAX as u32) as i32));
-    let first = correction(step.betas.first) as f32;
+    let [first, second] = step.betas.corrections(step.step).map(|correction| (1.0 / correction) as f32);
     let rates = step.learning_rates;
     let noise = step.position_noise;
     let seed = noise.map_or(0, |noise| noise.seed);
@@ -215,7 +214,7 @@ pub(crate) fn optimizer_uniform(step: &StepConfig, count: usize) -> OptimizerUni
         sh_rest: rates.sh_rest * first,
         luminance_dc: rates.luminance_dc * first,
         luminance_rest: rates.luminance_rest * first,
-        root_correction_2: (correction(step.betas.second) as f32).sqrt(),
+        root_correction_2: second.sqrt(),
         opacity_weight: step.loss.opacity_weight / count.max(1) as f32,
         scale_weight: step.loss.scale_weight / (3 * count.max(1)) as f32,
         noise_scale: noise.map_or(0.0, |noise| noise.scale),

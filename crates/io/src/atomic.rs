@@ -49,6 +49,14 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut (dyn WriteSeek + '_
     Ok(())
 }
 
+/// Writes a file of these bytes, as [`write_atomically`] does.
+///
+/// # Errors
+/// Those of [`write_atomically`].
+pub fn write_bytes(path: &Path, content: &[u8]) -> Result<(), IoError> {
+    write_atomically(path, |out| out.write_all(content).map_err(|e| IoError::system(path, "write", &e)))
+}
+
 /// Writes a file that can be made again at any time, and whose reader checks that it is whole: as
 /// [`write_atomically`] does, but neither waits for the disk nor calls the notice.
 pub(crate) fn write_cache_file(path: &Path, write: impl FnOnce(&mut (dyn WriteSeek + '_)) -> Result<(), IoError>) -> Result<(), IoError> {

@@ -43,7 +43,7 @@ mod validity;
 
 pub use self::ocio::{OcioDisplay, OcioSpace};
 pub use arrays::{Arrays, NamedArray, decode_arrays, encode_arrays, holds_arrays, read_arrays, write_arrays};
-pub use atomic::{WriteSeek, is_unfinished_name, notice_written, remove_unfinished, sweep_unfinished, write_atomically};
+pub use atomic::{WriteSeek, is_unfinished_name, notice_written, remove_unfinished, sweep_unfinished, write_atomically, write_bytes};
 pub use bake::{Appearance, BakeOptions, Baked, MIDDLE_GREY, display_exposure};
 pub use camera_path::{PathCamera, decode_camera_path, read_camera_path};
 pub use camera_writer::{camera_file_text, lens_fields, write_cameras};
@@ -82,7 +82,7 @@ pub use ply::{
     PlyCloud, PlyPoint, decode_points_ply, decode_scene_ply, encode_baked_ply, encode_scene_ply, read_points_ply, read_scene_ply,
     write_baked_ply, write_exact_ply, write_scene_ply,
 };
-pub use read_file::{open_regular, read_file};
+pub use read_file::{open_regular, read_file, read_text};
 pub use scene_file::{SceneFile, SceneFormat, read_scene, read_scene_file};
 pub use sog::{decode_sog, encode_sog, read_sog, sog_positions, write_sog};
 pub use spz::{SpzPositions, SpzVersion, decode_spz, encode_spz, read_spz, spz_out_of_range, spz_positions, write_spz};

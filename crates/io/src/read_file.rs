@@ -44,3 +44,24 @@ pub fn read_file(path: &Path) -> Result<Vec<u8>, IoError> {
     file.take(MAX_BYTES).read_to_end(&mut bytes).map_err(system)?;
     Ok(bytes)
 }
+
+/// Reads a text file of at most `limit` bytes, without a byte order mark.
+///
+/// # Errors
+/// The same as [`open_regular`], and a file that is longer, or is not UTF-8.
+pub fn read_text(path: &Path, limit: u64) -> Result<String, IoError> {
+    let (file, _) = open_regular(path)?;
+    let mut content = String::new();
+    let refusal = |e: std::io::Error| match e.kind() {
+        std::io::ErrorKind::InvalidData => IoError::invalid(path, format!("cannot read: {e}")),
+        _ => IoError::system(path, "read", &e),
+    };
+    file.take(limit.saturating_add(1)).read_to_string(&mut content).map_err(refusal)?;
+    if content.len() as u64 > limit {
+        return Err(IoError::invalid(path, format!("more than {limit} bytes, expected a short text file")));
+    }
+    match content.strip_prefix('\u{feff}') {
+        Some(text) => Ok(text.to_owned()),
+        None => Ok(content),
+    }
+}

@@ -1,17 +1,22 @@
 //! What Luxel's kernels run on: the instruction sets that they are compiled for, the choice among
-//! them, and the start of threads.
+//! them, and the start of threads; sixteen numbers in memory, their sums, and their elementary
+//! functions.
 //!
 //! A kernel is written once over `S: Simd`, sixteen numbers at a time. [`dispatch!`] compiles it
 //! for each set of [`Level`] and picks one at run time. Every set costs its share of the build and
 //! of the program, so there are three on x86-64 and one elsewhere. Processors with SSE4.2 but not
 //! AVX2 run the baseline, which gives the same bits.
 
+pub mod functions;
 mod level;
+mod memory;
+pub mod sums;
 mod thread;
 
 pub use fearless_simd::Simd;
 
 pub use crate::level::{Baseline, Level};
+pub use crate::memory::{LANES, Lanes};
 pub use crate::thread::start_thread;
 
 /// Runs `$body`, compiled for the instruction set `$level`, with its token as `$simd`.

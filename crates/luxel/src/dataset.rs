@@ -6,11 +6,11 @@ use std::sync::mpsc::channel;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use luxel_core::BadPixels;
+use luxel_core::{BadPixels, text};
 use luxel_io::{AUTO_SIDE_PX, CheckPlan, ChosenDownscale, Downscale, ImageMemory, ImagePlan, KeepView, LoadOptions, LoadProgress, Loading};
 
 use crate::error::Context;
-use crate::{Event, ItemKind, Observer, Result, text};
+use crate::{Event, ItemKind, Observer, Result};
 
 /// Files with bad pixels that are listed one by one.
 const LISTED_FILES: usize = 5;

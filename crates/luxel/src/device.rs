@@ -9,14 +9,17 @@ use std::error::Error as _;
 use std::fmt;
 use std::str::FromStr;
 
-use luxel_core::Engine;
+use luxel_core::{Engine, text};
 use luxel_cpu::{CpuEngine, InstructionSet};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Context, ensure};
-use crate::{Error, Remedy, Result, machine, memory, text};
+use crate::{Error, Remedy, Result, memory};
 
+mod processor;
 mod trial;
+
+pub use self::processor::processor_name;
 
 /// A choice of what computes: the processor or a GPU.
 ///
@@ -199,7 +202,7 @@ fn cpu(threads: usize, set: InstructionSet, reason: Option<String>) -> Result<Se
     engine.set_tile_memory(usize::try_from(memory::tile_bytes()).unwrap_or(usize::MAX));
     let instruction_set = Some(engine.instruction_set());
     let mut place = text::plural(threads, "thread");
-    let computed_by = format!("{place} of {}", machine::processor().unwrap_or_else(|| "the CPU".into()));
+    let computed_by = format!("{place} of {}", processor_name().unwrap_or_else(|| "the CPU".into()));
     if let Some(reason) = reason {
         place += &format!(" ({reason})");
     }

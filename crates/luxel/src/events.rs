@@ -153,15 +153,15 @@ pub trait Observer {
     /// Looks at a run between two steps, for example to render what it has learned; returns what
     /// the run is to do. Training waits for the visit, whose time does not count as training's, and
     /// its result does not depend on it.
-    fn visit(&self, _run: &mut LiveRun<'_>) -> Wish {
-        Wish::Continue
+    fn visit(&self, _run: &mut LiveRun<'_>) -> VisitAction {
+        VisitAction::Continue
     }
 }
 
 /// A visitor's request to a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Wish {
+pub enum VisitAction {
     /// Make the next step.
     #[default]
     Continue,
@@ -242,9 +242,9 @@ impl StopFlag {
 
     /// Marks, until the returned value is dropped, that a task looks at the flag and has something
     /// to save.
-    pub fn listen(&self) -> Listening {
+    pub fn listen(&self) -> StopListener {
         self.0.listeners.fetch_add(1, Ordering::SeqCst);
-        Listening(self.clone())
+        StopListener(self.clone())
     }
 
     /// Returns whether a task looks at the flag. Where none does, nothing is lost by ending the
@@ -256,9 +256,9 @@ impl StopFlag {
 
 /// The mark of a task that looks at a [`StopFlag`].
 #[derive(Debug)]
-pub struct Listening(StopFlag);
+pub struct StopListener(StopFlag);
 
-impl Drop for Listening {
+impl Drop for StopListener {
     fn drop(&mut self) {
         self.0.0.listeners.fetch_sub(1, Ordering::SeqCst);
     }

@@ -53,9 +53,7 @@
 //! ```
 
 pub mod aov;
-pub mod bench;
 pub mod camera_path;
-pub mod colormap;
 pub mod compare;
 mod dataset;
 mod device;
@@ -64,40 +62,34 @@ pub mod edit;
 pub mod error;
 mod events;
 pub mod export;
-pub mod files;
 pub mod lens;
 pub mod lights;
 mod live;
 mod log_record;
-pub mod machine;
 pub mod memory;
 pub mod mesh;
 pub mod mix;
 pub mod output;
 pub mod photograph;
-pub mod pick;
 pub mod preview;
 pub mod probe;
 mod radiance;
 pub mod refined_views;
 mod renderer;
 mod scene;
-pub mod sight;
-pub mod solids;
-pub mod stage;
 pub mod step_methods;
 pub mod synthetic;
-pub mod text;
 mod training;
-pub mod up;
+mod up;
+mod visibility;
 
 /// Vectors and matrices of cameras, similarities and lamps.
 pub use glam;
 
 pub use dataset::{Dataset, ImageLimits, bad_pixel_lines, reduction_line};
-pub use device::{Device, DeviceOptions, MAX_THREADS, SelectedEngine, start_threads};
+pub use device::{Device, DeviceOptions, MAX_THREADS, SelectedEngine, processor_name, start_threads};
 pub use error::{Error, Result, remedy_of};
-pub use events::{Event, FrameProgress, ItemKind, Listening, Observer, Silent, StopFlag, Wish};
+pub use events::{Event, FrameProgress, ItemKind, Observer, Silent, StopFlag, StopListener, VisitAction};
 pub use export::{Bake, ExportOptions};
 pub use live::LiveRun;
 pub use log_record::LogRecord;

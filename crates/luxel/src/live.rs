@@ -91,6 +91,6 @@ impl<'a> LiveRun<'a> {
         let mut layers = self.trainer.engine().render_layers(camera, &options).context("cannot render")?;
         let unit = self.dataset.world_from_local.scale() as f32;
         layers.depth.iter_mut().for_each(|z| *z *= unit);
-        Ok(RadianceLayers::new(layers, self.trainer.radiance_scale(), self.dataset.color_space, &self.world_camera(camera)))
+        Ok(RadianceLayers::from_normalised(layers, self.trainer.radiance_scale(), self.dataset.color_space, &self.world_camera(camera)))
     }
 }

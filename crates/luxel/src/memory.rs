@@ -64,7 +64,7 @@ pub fn check_room(work: &str, bytes: u64, instead: &'static str) -> Result<()> {
     if usize::try_from(bytes).is_ok_and(|bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok()) {
         return Ok(());
     }
-    let message = format!("{work} takes about {} of memory, which the system refuses", crate::text::bytes(bytes));
+    let message = format!("{work} takes about {} of memory, which the system refuses", luxel_core::text::bytes(bytes));
     Err(Error::new(message).with_remedy(Remedy::advice(instead)))
 }
 

@@ -6,10 +6,10 @@
 //! scenes whose geometry, opacity, order of splats, rasteriser, colour space or coordinates differ
 //! are an error that names the first difference.
 
-use luxel_core::{ColorModel, MAX_LIGHTS, Mix, Scene, Splats};
+use luxel_core::{ColorModel, MAX_LIGHTS, Mix, Scene, Splats, text};
 
 use crate::error::bail;
-use crate::{Error, Remedy, Result, text};
+use crate::{Error, Remedy, Result};
 
 /// A scene to mix.
 #[derive(Clone, Debug)]

@@ -6,11 +6,11 @@
 
 use std::path::Path;
 
-use luxel_core::{Image, Remedy};
+use luxel_core::{Image, Remedy, text};
 use luxel_io::ExrSample;
 
 use crate::error::bail;
-use crate::{Error, Result, text};
+use crate::{Error, Result};
 
 /// Attribute of an OpenEXR file with the recipe of the frame.
 pub const MADE_BY: &str = "luxel:made_by";

@@ -9,15 +9,15 @@ use std::path::Path;
 
 use glam::{DMat3, DVec3};
 use luxel_core::environment::{Light, MapSize, PanoramaRig, PartialPanorama, Projection, Summary, lights};
-use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Engine, Image, Layers, RadianceScale, RenderOptions, Scene};
+use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Engine, Image, Layers, RadianceScale, RenderOptions, Scene, text};
 use luxel_io::{ExrOptions, ExrSample};
 
 use crate::error::Context;
 use crate::preview::{self, Look};
 use crate::radiance::RADIANCE_SCALE;
-use crate::sight::sight;
 use crate::up::{Up, UpAxis, file_from_world};
-use crate::{FrameProgress, Observer, Renderer, Result, output, text};
+use crate::visibility::visibility_of;
+use crate::{FrameProgress, Observer, Renderer, Result, output};
 
 /// Options of a probe.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -215,12 +215,12 @@ pub(crate) fn probe_in(
 /// and without cameras.
 pub fn unseen(scene: &Scene, cameras: &[&Camera], at: [f64; 3]) -> Option<String> {
     let frame = &scene.world_from_local;
-    let sight = sight(scene, cameras, frame.inverse().point(DVec3::from_array(at)))?;
-    if sight.seen > 0 {
+    let found = visibility_of(scene, cameras, frame.inverse().point(DVec3::from_array(at)))?;
+    if found.seen > 0 {
         return None;
     }
-    let [x, y, z] = frame.point(sight.nearest_camera).to_array().map(|v| (1e6 * v).round() / 1e6);
-    let why = match sight.in_view {
+    let [x, y, z] = frame.point(found.nearest_camera).to_array().map(|v| (1e6 * v).round() / 1e6);
+    let why = match found.in_view {
         0 => "is in no image of the data set".to_owned(),
         n => format!("is hidden in {} that it is in", text::plural(n, "image")),
     };

@@ -197,8 +197,9 @@ pub struct RadianceLayers {
 pub const FAR_DEPTH: f32 = 1e10;
 
 impl RadianceLayers {
-    /// Takes a render out of normalised units.
-    pub(crate) fn new(layers: Layers, radiance_scale: RadianceScale, color_space: ColorSpace, camera: &Camera) -> Self {
+    /// Takes a picture of a scene out of normalised units. `camera`, whose picture it is, and the
+    /// depths are those of the scene's world.
+    pub fn from_normalised(layers: Layers, radiance_scale: RadianceScale, color_space: ColorSpace, camera: &Camera) -> Self {
         let Layers { image, alpha, depth } = layers;
         Self { radiance: Radiance::new(image, radiance_scale, color_space, camera), alpha, depth }
     }

@@ -175,7 +175,7 @@ impl Renderer {
         let mut layers = self.engine.render_layers(camera, &self.options).context("cannot render")?;
         let unit = self.world_from_local.scale() as f32;
         layers.depth.iter_mut().for_each(|z| *z *= unit);
-        Ok(RadianceLayers::new(layers, self.radiance_scale, self.color_space, &self.world_camera(camera)))
+        Ok(RadianceLayers::from_normalised(layers, self.radiance_scale, self.color_space, &self.world_camera(camera)))
     }
 
     /// Renders normals, `[H*W]`, row by row from the top: unit vectors of the world, towards the

@@ -54,7 +54,7 @@ impl Scene {
             let advice = "name the file; the scene of a run is point_cloud/iteration_N/point_cloud.ply in its folder";
             return Err(error.with_remedy(Remedy::advice(advice)));
         }
-        refuse_implicit(path)?;
+        refuse_non_splat(path)?;
         let file = luxel_io::read_scene_file(path).context("cannot read the scene")?;
         file.warnings.iter().for_each(|warning| observer.warn(&format!("{}: {warning}", path.display())));
         Ok(Self(file.scene))
@@ -161,7 +161,7 @@ impl Deref for Scene {
 }
 
 /// Refuses a file of a field or of anchors, which have no splats.
-fn refuse_implicit(path: &Path) -> Result<()> {
+fn refuse_non_splat(path: &Path) -> Result<()> {
     if path.extension().is_none_or(|extension| extension != "safetensors") {
         return Ok(());
     }

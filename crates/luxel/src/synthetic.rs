@@ -9,7 +9,7 @@ use serde_json::json;
 pub use luxel_core::synthetic::room_camera;
 
 use crate::error::Context;
-use crate::{Result, Scene, files};
+use crate::{Result, Scene};
 
 /// Returns a room of `count` splats of spherical harmonics; equal seeds give equal scenes.
 /// [`room_camera`] stands in its middle.
@@ -118,7 +118,7 @@ pub fn write_dataset(folder: impl AsRef<Path>, options: BallsOptions) -> Result<
     let (focal_px, center_px) = (FOCAL * side as f64, side as f64 / 2.0);
     let transforms =
         json!({ "w": side, "h": side, "fl_x": focal_px, "fl_y": focal_px, "cx": center_px, "cy": center_px, "frames": frames });
-    files::write_text(&folder.join("transforms.json"), &transforms.to_string())
+    Ok(luxel_io::write_bytes(&folder.join("transforms.json"), transforms.to_string().as_bytes())?)
 }
 
 /// Returns what the camera sees: the nearest ball along each pixel's ray.

@@ -19,6 +19,7 @@
 //! [`evaluate()`] measures a scene on views.
 
 mod captured;
+pub mod colormap;
 mod decades;
 mod evaluate;
 mod field;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use luxel::export::Up;
-use luxel::stage::{Stage, is_usd_file};
+use luxel_app::usd_space::{UsdSpace, is_usd_file};
 use luxel_io::{PathCamera, StageChoice, StageMotion};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -13,13 +13,13 @@ use crate::dataset::PyDataset;
 use crate::errors::{OrRaise, invalid};
 
 /// Returns the stage that a data set's scenes are exported to.
-fn stage(dataset: Option<&PyDataset>, metres_per_unit: Option<f64>) -> PyResult<Stage> {
+fn stage(dataset: Option<&PyDataset>, metres_per_unit: Option<f64>) -> PyResult<UsdSpace> {
     if let Some(metres) = metres_per_unit.filter(|metres| !(metres.is_normal() && *metres > 0.0)) {
         return Err(invalid(format!("metres_per_unit: found {metres}, expected a number above 0")));
     }
     let dataset: Option<&luxel_core::Dataset> = dataset.map(|dataset| &**dataset.dataset);
     let metres = metres_per_unit.or(dataset.and_then(|dataset| dataset.metres_per_unit));
-    Stage::new(metres, Up::Default, dataset).or_raise()
+    UsdSpace::new(metres, Up::Default, dataset).or_raise()
 }
 
 /// Reads the cameras of a file.
@@ -114,5 +114,5 @@ pub(crate) fn write_cameras(
         }
         _ => return Err(invalid(format!("{}: expected the extension .json, .usda or .usd", path.display()))),
     };
-    luxel::files::write_text(&path, &text).or_raise()
+    luxel_app::files::write_text(&path, &text).or_raise()
 }

@@ -70,7 +70,7 @@ impl PyLights {
     }
 
     fn __repr__(&self) -> String {
-        format!("<luxel.Lights {}>", luxel::text::plural(self.lights.lights.len(), "lamp"))
+        format!("<luxel.Lights {}>", luxel_core::text::plural(self.lights.lights.len(), "lamp"))
     }
 }
 
@@ -125,7 +125,7 @@ impl PyMesh {
     }
 
     fn __repr__(&self) -> String {
-        format!("<luxel.Mesh {}>", luxel::text::plural(self.made.triangles(), "triangle"))
+        format!("<luxel.Mesh {}>", luxel_core::text::plural(self.made.triangles(), "triangle"))
     }
 }
 

@@ -16,7 +16,7 @@
 //! The curve is fixed while the scene forms ([`WARM_UP`]); otherwise the grey of the first steps
 //! would be mistaken for a response.
 
-use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2};
+use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, NumberAdam};
 use luxel_core::response::{UNIT_KNOT, exposure_of_knot};
 use luxel_core::{Knots, PixelValues, RESPONSE_KNOTS, View};
 use serde::{Deserialize, Serialize};
@@ -93,19 +93,14 @@ impl CameraResponse {
         }
         self.updates = self.updates.saturating_add(1);
         let rate = LEARNING_RATES[0] * (LEARNING_RATES[1] / LEARNING_RATES[0]).powf(progress.min(1.0));
-        let power = |beta: f32| 1.0 - f64::from(beta).powf(f64::from(self.updates));
-        let (correction1, correction2) = (power(ADAM_BETA1), power(ADAM_BETA2));
+        let adam = NumberAdam::new([ADAM_BETA1, ADAM_BETA2].map(f64::from), [self.updates; 2], EPSILON);
         let knots = self.knots();
         for channel in 0..3 {
             let gradient = gradient(&self.raw[channel], &knots[channel], &by_knots[channel]);
             for (j, gradient) in gradient.into_iter().enumerate() {
-                let (beta1, beta2) = (f64::from(ADAM_BETA1), f64::from(ADAM_BETA2));
-                let first = beta1 * f64::from(self.first[channel][j]) + (1.0 - beta1) * gradient;
-                let second = beta2 * f64::from(self.second[channel][j]) + (1.0 - beta2) * gradient * gradient;
-                let step = rate * (first / correction1) / ((second / correction2).sqrt() + EPSILON);
-                (self.first[channel][j], self.second[channel][j]) = (first as f32, second as f32);
+                let moved = adam.update_f32(&mut self.first[channel][j], &mut self.second[channel][j], gradient);
                 let raw = &mut self.raw[channel][j];
-                *raw = (f64::from(*raw) - step).clamp(-20.0, 2.0) as f32;
+                *raw = (f64::from(*raw) - rate * moved.mean / moved.deviation).clamp(-20.0, 2.0) as f32;
             }
         }
     }

@@ -12,9 +12,9 @@ use hyper::StatusCode;
 use tokio::sync::OwnedSemaphorePermit;
 
 use crate::answer::{Answer, Failure};
-use crate::house::{House, on_stage, try_beside};
 use crate::jobs::{Loaded, Stage};
 use crate::query::Query;
+use crate::server_context::{ServerContext, on_stage, try_beside};
 use crate::splats::{Precision, body_bytes, pack};
 use crate::stage::check_edits;
 
@@ -22,15 +22,15 @@ use crate::stage::check_edits;
 const MAX_KEPT_BYTES: u64 = 256 << 20;
 
 /// Answers with the splats, for a page that renders by itself.
-pub(crate) async fn splats(house: &House, query: &mut Query) -> Result<Answer, Failure> {
+pub(crate) async fn splats(context: &ServerContext, query: &mut Query) -> Result<Answer, Failure> {
     let edit = query.take("edit").unwrap_or_default();
-    check_edits(house.workshop.as_deref(), &edit)?;
+    check_edits(context.edit_session.as_deref(), &edit)?;
     let precision = match query.take("precision").as_deref() {
         None | Some("half") => Precision::Half,
         Some("single") => Precision::Single,
         Some(other) => return Err(format!("unknown precision \"{}\", expected half, single", other.escape_default()).into()),
     };
-    let Some(scene) = &house.scene else {
+    let Some(scene) = &context.scene else {
         return Err(Failure::new(StatusCode::CONFLICT, "the scene is being trained, and is rendered here"));
     };
     if scene.splats.color_model.lights() > 1 {
@@ -42,33 +42,33 @@ pub(crate) async fn splats(house: &House, query: &mut Query) -> Result<Answer, F
             let Loaded { scene, renderer } = stage.loaded(&edit)?;
             Ok(pack(scene, renderer.options(), precision))
         };
-        on_stage(house, work).await
+        on_stage(context, work).await
     };
     let body = if is_kept {
-        house.downloads.kept.get_or_try_init(|| packed).await?.clone()
+        context.downloads.kept.get_or_try_init(|| packed).await?.clone()
     } else {
-        let place = place(house)?;
+        let place = place(context)?;
         Bytes::from_owner(Download { body: packed.await?, _place: place })
     };
     Ok(Answer::new("application/octet-stream", body))
 }
 
 /// Answers with the changes that edits make, for a page that has the splats.
-pub(crate) async fn changes(house: &House, query: &mut Query) -> Result<Answer, Failure> {
+pub(crate) async fn changes(context: &ServerContext, query: &mut Query) -> Result<Answer, Failure> {
     let edit = query.take("edit").unwrap_or_default();
-    let Some(workshop) = house.workshop.clone() else {
+    let Some(session) = context.edit_session.clone() else {
         return Err(Failure::new(StatusCode::CONFLICT, "the scene is being trained, and is rendered here"));
     };
-    let stack = workshop.parse(&edit)?;
-    let place = place(house)?;
-    let body = try_beside(move || workshop.changes(&stack)).await?;
+    let stack = session.parse(&edit)?;
+    let place = place(context)?;
+    let body = try_beside(move || session.changes(&stack)).await?;
     Ok(Answer::new("application/octet-stream", Bytes::from_owner(Download { body, _place: place })))
 }
 
 /// Returns a place for a copy that is on its way.
-fn place(house: &House) -> Result<OwnedSemaphorePermit, Failure> {
+fn place(context: &ServerContext) -> Result<OwnedSemaphorePermit, Failure> {
     let busy = |_| Failure::new(StatusCode::SERVICE_UNAVAILABLE, "too many scenes are being downloaded");
-    Arc::clone(&house.downloads.places).try_acquire_owned().map_err(busy)
+    Arc::clone(&context.downloads.places).try_acquire_owned().map_err(busy)
 }
 
 /// A copy of a scene that holds its place until it is sent.

@@ -15,10 +15,10 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use crate::answer::{Answer, Failure};
-use crate::house::{House, beside, try_beside};
+use crate::edit_session::{EXTENSION, EditSession, Question};
 use crate::pictures::camera_of;
 use crate::query::Query;
-use crate::workshop::{EXTENSION, Question, Workshop};
+use crate::server_context::{ServerContext, beside, try_beside};
 
 /// Bins of the histogram of luminance.
 const BINS: usize = 160;
@@ -46,32 +46,38 @@ struct SaveRequest {
 }
 
 /// Answers a request below `/api/edit/`; `path` is what follows.
-pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, query: &mut Query, body: Bytes) -> Result<Answer, Failure> {
-    let Some(workshop) = &house.workshop else {
+pub(crate) async fn answer(
+    context: &Arc<ServerContext>,
+    method: &Method,
+    path: &str,
+    query: &mut Query,
+    body: Bytes,
+) -> Result<Answer, Failure> {
+    let Some(session) = &context.edit_session else {
         return Err(Failure::new(StatusCode::CONFLICT, "a scene that is being trained cannot be edited"));
     };
-    let Ok(_place) = house.editing.try_acquire() else {
+    let Ok(_place) = context.editing.try_acquire() else {
         return Err(Failure::new(StatusCode::SERVICE_UNAVAILABLE, "too many edits are worked on, try again"));
     };
-    let workshop = Arc::clone(workshop);
+    let session = Arc::clone(session);
     let is_get = *method == Method::GET;
     match path {
-        "luminance" if is_get => luminance(workshop, query).await,
-        "selection" if is_get => selection(workshop, query).await,
-        "overlay.png" if is_get => overlay(house, workshop, query).await,
-        "floaters" if is_get => floaters(workshop).await,
+        "luminance" if is_get => luminance(session, query).await,
+        "selection" if is_get => selection(session, query).await,
+        "overlay.png" if is_get => overlay(context, session, query).await,
+        "floaters" if is_get => floaters(session).await,
         "saved" if is_get => {
-            let names = beside(move || workshop.saved()).await?;
+            let names = beside(move || session.saved()).await?;
             Answer::json(&schema::VIEW.versioned(json!({ "names": names })))
         }
         "stack" if is_get => {
             let name = query.take("name").unwrap_or_default();
-            let stack = try_beside(move || workshop.open_stack(&name)).await?;
+            let stack = try_beside(move || session.open_stack(&name)).await?;
             Answer::json(&schema::VIEW.versioned(json!({ "edit": stack.to_string() })))
         }
-        "mask" if *method == Method::POST => mask(workshop, query, body).await,
-        "save" if *method == Method::POST => save(workshop, body).await,
-        "read" if *method == Method::POST => read(workshop, body).await,
+        "mask" if *method == Method::POST => mask(session, query, body).await,
+        "save" if *method == Method::POST => save(session, body).await,
+        "read" if *method == Method::POST => read(session, body).await,
         "luminance" | "selection" | "overlay.png" | "floaters" | "saved" | "stack" | "mask" | "save" | "read" => {
             Err(Failure::new(StatusCode::METHOD_NOT_ALLOWED, "mask, save and read answer POST, all others GET"))
         }
@@ -80,10 +86,10 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, quer
 }
 
 /// Takes the edits before, and a selection, out of a query.
-fn question(workshop: &Workshop, query: &mut Query) -> Result<Question, Failure> {
-    let before = workshop.parse(&query.take("edit").unwrap_or_default())?;
+fn question(session: &EditSession, query: &mut Query) -> Result<Question, Failure> {
+    let before = session.parse(&query.take("edit").unwrap_or_default())?;
     let selection = match (query.take("where"), query.take("floaters")) {
-        (Some(text), None) => Some(workshop.parse_selection(&text)?),
+        (Some(text), None) => Some(session.parse_selection(&text)?),
         (None, Some(_)) => None,
         _ => return Err(String::from("expected one of \"where\" (a selection) and \"floaters\"").into()),
     };
@@ -94,23 +100,23 @@ fn facts(summary: &SelectionSummary) -> Value {
     json!({ "count": summary.count, "partial": summary.partial, "share_of_light": summary.light_share, "bounds": summary.bounds })
 }
 
-async fn selection(workshop: Arc<Workshop>, query: &mut Query) -> Result<Answer, Failure> {
-    let question = question(&workshop, query)?;
-    let selected = try_beside(move || workshop.selected(&question)).await?;
+async fn selection(session: Arc<EditSession>, query: &mut Query) -> Result<Answer, Failure> {
+    let question = question(&session, query)?;
+    let selected = try_beside(move || session.selected(&question)).await?;
     Answer::json(&schema::VIEW.versioned(facts(&selected.summary)))
 }
 
-async fn overlay(house: &House, workshop: Arc<Workshop>, query: &mut Query) -> Result<Answer, Failure> {
-    let question = question(&workshop, query)?;
-    let camera = house.subject.local_camera(&camera_in(query)?, 0);
+async fn overlay(context: &ServerContext, session: Arc<EditSession>, query: &mut Query) -> Result<Answer, Failure> {
+    let question = question(&session, query)?;
+    let camera = context.subject.local_camera(&camera_in(query)?, 0);
     let [width, height] = camera.size_px.map(|side| side as usize);
-    let place = house.room.place(width * height * OVERLAY_PIXEL_BYTES).await?;
+    let permit = context.permits.acquire(width * height * OVERLAY_PIXEL_BYTES).await?;
     let drawn = try_beside(move || {
-        let selected = workshop.selected(&question)?;
-        Ok((workshop.overlay(&selected.weights, &camera)?, selected.summary))
+        let selected = session.selected(&question)?;
+        Ok((session.overlay(&selected.weights, &camera)?, selected.summary))
     });
     let (png, summary) = drawn.await?;
-    Ok(Answer { frame_head: Some(facts(&summary).to_string()), ..Answer::new("image/png", place.fill(png)) })
+    Ok(Answer { frame_head: Some(facts(&summary).to_string()), ..Answer::new("image/png", permit.fill(png)) })
 }
 
 /// Takes a camera of the world and its size out of a query.
@@ -126,10 +132,10 @@ fn camera_in(query: &mut Query) -> Result<Camera, Failure> {
     }
 }
 
-async fn floaters(workshop: Arc<Workshop>) -> Result<Answer, Failure> {
+async fn floaters(session: Arc<EditSession>) -> Result<Answer, Failure> {
     let found = try_beside(move || {
-        let found = workshop.floaters()?;
-        let share = found.share_of_light(workshop.scene());
+        let found = session.floaters()?;
+        let share = found.share_of_light(session.scene());
         Ok((found, share))
     });
     let (found, share) = found.await?;
@@ -141,11 +147,11 @@ async fn floaters(workshop: Arc<Workshop>) -> Result<Answer, Failure> {
 }
 
 /// Answers with the histogram of the splats' luminance after the edits.
-async fn luminance(workshop: Arc<Workshop>, query: &mut Query) -> Result<Answer, Failure> {
-    let stack = workshop.parse(&query.take("edit").unwrap_or_default())?;
+async fn luminance(session: Arc<EditSession>, query: &mut Query) -> Result<Answer, Failure> {
+    let stack = session.parse(&query.take("edit").unwrap_or_default())?;
     let before = EditStack { edits: stack.edits, ..EditStack::default() };
     let values = try_beside(move || {
-        let scene = workshop.edited(&before)?;
+        let scene = session.edited(&before)?;
         Ok((0..scene.splats.len()).map(|i| scene.luminance(i)).collect())
     });
     Answer::json(&schema::VIEW.versioned(histogram(values.await?)))
@@ -170,7 +176,7 @@ fn histogram(mut values: Vec<f32>) -> Value {
 }
 
 /// Keeps a painted mask, and answers with the names of its files.
-async fn mask(workshop: Arc<Workshop>, query: &mut Query, body: Bytes) -> Result<Answer, Failure> {
+async fn mask(session: Arc<EditSession>, query: &mut Query, body: Bytes) -> Result<Answer, Failure> {
     let camera = camera_in(query)?;
     let saved = try_beside(move || {
         if !body.starts_with(&PNG) {
@@ -183,15 +189,15 @@ async fn mask(workshop: Arc<Workshop>, query: &mut Query, body: Bytes) -> Result
             return Err(luxel::Error::new(format!("a mask of {} x {} pixels, expected {width} x {height}", found[0], found[1])));
         }
         let camera = luxel::PathCamera::new("mask", camera);
-        let name = workshop.save_mask(&body, &luxel_io::camera_file_text(&[camera]))?;
-        let path = |extension: &str| workshop.place().join(format!("{name}.{extension}")).display().to_string();
+        let name = session.save_mask(&body, &luxel_io::camera_file_text(&[camera]))?;
+        let path = |extension: &str| session.place().join(format!("{name}.{extension}")).display().to_string();
         Ok([path("png"), path("json")])
     });
     let [file, view] = saved.await?;
     Answer::json(&schema::VIEW.versioned(json!({ "file": file, "view": view })))
 }
 
-async fn save(workshop: Arc<Workshop>, body: Bytes) -> Result<Answer, Failure> {
+async fn save(session: Arc<EditSession>, body: Bytes) -> Result<Answer, Failure> {
     if body.len() > MAX_REQUEST_BYTES {
         return Err(Failure::new(StatusCode::PAYLOAD_TOO_LARGE, format!("expected at most {MAX_REQUEST_BYTES} bytes of JSON")));
     }
@@ -200,14 +206,14 @@ async fn save(workshop: Arc<Workshop>, body: Bytes) -> Result<Answer, Failure> {
         return Err(String::from("nothing to save: set \"scene\" or \"stack\"").into());
     }
     let saved = try_beside(move || {
-        let stack = workshop.parse(&request.edit)?;
+        let stack = session.parse(&request.edit)?;
         if stack.is_empty() {
             return Err(luxel::Error::new("nothing to save: there are no edits"));
         }
         let name = request.name.strip_suffix(&format!(".{EXTENSION}")).unwrap_or(&request.name);
         let name = name.strip_suffix(".ply").unwrap_or(name);
-        let scene = request.scene.then(|| workshop.save_scene(name, &stack)).transpose()?;
-        let file = request.stack.then(|| workshop.save_stack(name, &stack)).transpose()?;
+        let scene = request.scene.then(|| session.save_scene(name, &stack)).transpose()?;
+        let file = request.stack.then(|| session.save_stack(name, &stack)).transpose()?;
         Ok([scene, file].map(|path| path.map(|path| path.display().to_string())))
     });
     let [scene, stack] = saved.await?;
@@ -215,12 +221,12 @@ async fn save(workshop: Arc<Workshop>, body: Bytes) -> Result<Answer, Failure> {
 }
 
 /// Answers with the stack that the text of a file of edits holds.
-async fn read(workshop: Arc<Workshop>, body: Bytes) -> Result<Answer, Failure> {
+async fn read(session: Arc<EditSession>, body: Bytes) -> Result<Answer, Failure> {
     if body.len() > MAX_REQUEST_BYTES {
         return Err(Failure::new(StatusCode::PAYLOAD_TOO_LARGE, format!("expected at most {MAX_REQUEST_BYTES} bytes of edits")));
     }
     let text = String::from_utf8(body.into()).map_err(|_| String::from("expected text, a file of edits"))?;
-    let stack = try_beside(move || workshop.parse_file(&text)).await?;
+    let stack = try_beside(move || session.parse_file(&text)).await?;
     Answer::json(&schema::VIEW.versioned(json!({ "edit": stack.to_string() })))
 }
 

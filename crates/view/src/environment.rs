@@ -17,10 +17,10 @@ use serde_json::json;
 
 use crate::answer::{Answer, Failure};
 use crate::frame::Planes;
-use crate::house::{House, beside, on_stage};
 use crate::jobs::{Loaded, Stage};
-use crate::probe_map::{Environment, Progress, Wish};
+use crate::probe_map::{Environment, ProbeRequest, Progress};
 use crate::query::Query;
+use crate::server_context::{ServerContext, beside, on_stage};
 use crate::stage::check_edits;
 use crate::subject::Shown;
 
@@ -28,15 +28,15 @@ use crate::subject::Shown;
 const WIDTHS: std::ops::RangeInclusive<usize> = 4..=8192;
 const DEFAULT_WIDTH: usize = 2048;
 
-impl Wish {
-    fn take(house: &House, query: &mut Query) -> Result<Self, Failure> {
+impl ProbeRequest {
+    fn take(context: &ServerContext, query: &mut Query) -> Result<Self, Failure> {
         let at = point_of(query)?;
         let width = query.number("width")?.unwrap_or(DEFAULT_WIDTH);
         if !WIDTHS.contains(&width) {
             return Err(format!("\"width\" is {width}, expected {} to {} pixels", WIDTHS.start(), WIDTHS.end()).into());
         }
         let edit = query.take("edit").unwrap_or_default();
-        check_edits(house.workshop.as_deref(), &edit)?;
+        check_edits(context.edit_session.as_deref(), &edit)?;
         Ok(Self { at, width, edit })
     }
 }
@@ -58,36 +58,36 @@ const FRAME_PIXEL_BYTES: usize = 6;
 const EXR_PIXEL_BYTES: usize = 12;
 
 /// Answers requests below `/api/environment`.
-pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, query: &mut Query) -> Result<Answer, Failure> {
+pub(crate) async fn answer(context: &Arc<ServerContext>, method: &Method, path: &str, query: &mut Query) -> Result<Answer, Failure> {
     let is_get = *method == Method::GET;
     match path {
         "/api/environment" if is_get => {
-            let environment = environment(house, Wish::take(house, query)?).await?;
+            let environment = environment(context, ProbeRequest::take(context, query)?).await?;
             Answer::json(&schema::VIEW.versioned(described(&environment)))
         }
         "/api/environment/progress" if is_get => {
-            let progress = house.environment.progress(&Wish::take(house, query)?);
+            let progress = context.environment.progress(&ProbeRequest::take(context, query)?);
             Answer::json(&schema::VIEW.versioned(json!({ "done": progress.done, "total": progress.total })))
         }
         "/api/environment.frame" if is_get => {
-            let environment = environment(house, Wish::take(house, query)?).await?;
-            let place = house.room.place(FRAME_PIXEL_BYTES * environment.probe.image().pixels.len()).await?;
+            let environment = environment(context, ProbeRequest::take(context, query)?).await?;
+            let permit = context.permits.acquire(FRAME_PIXEL_BYTES * environment.probe.image().pixels.len()).await?;
             let encode = move || Planes::of_image(environment.probe.image(), &[]).encode(size(&environment.probe), 0, 0.0);
             let frame = beside(encode).await?;
-            Answer::frame(&frame.head, place.fill(frame.body))
+            Answer::frame(&frame.head, permit.fill(frame.body))
         }
         "/api/environment.exr" if is_get => {
-            let environment = environment(house, Wish::take(house, query)?).await?;
-            let place = house.room.place(EXR_PIXEL_BYTES * environment.probe.image().pixels.len()).await?;
+            let environment = environment(context, ProbeRequest::take(context, query)?).await?;
+            let permit = context.permits.acquire(EXR_PIXEL_BYTES * environment.probe.image().pixels.len()).await?;
             let file = beside(move || exr(&environment.probe)).await??;
-            Ok(Answer { file_name: Some("probe.exr"), ..Answer::new("image/x-exr", place.fill(file)) })
+            Ok(Answer { file_name: Some("probe.exr"), ..Answer::new("image/x-exr", permit.fill(file)) })
         }
         "/api/environment/save" if *method == Method::POST => {
             let name = query.take("name").ok_or_else(|| String::from("\"name\" is missing, expected that of the file"))?;
             crate::folder::check_name(&name)?;
-            let wish = Wish::take(house, query)?;
-            let folder = house.folder()?;
-            let environment = environment(house, wish).await?;
+            let request = ProbeRequest::take(context, query)?;
+            let folder = context.folder()?;
+            let environment = environment(context, request).await?;
             let path = beside(move || folder.new_file("probes", &name, "exr", &exr(&environment.probe)?)).await??;
             Answer::json(&json!({ "path": path.display().to_string() }))
         }
@@ -116,41 +116,41 @@ fn described(Environment { probe, warnings }: &Environment) -> serde_json::Value
 }
 
 /// Returns a probe: the last one, or a new one in its place.
-async fn environment(house: &Arc<House>, wish: Wish) -> Result<Arc<Environment>, Failure> {
-    let mut last = house.environment.last.lock().await;
-    if let Some((_, environment)) = last.as_ref().filter(|(known, _)| *known == wish) {
+async fn environment(context: &Arc<ServerContext>, request: ProbeRequest) -> Result<Arc<Environment>, Failure> {
+    let mut last = context.environment.last.lock().await;
+    if let Some((_, environment)) = last.as_ref().filter(|(known, _)| *known == request) {
         return Ok(Arc::clone(environment));
     }
     // One map in memory at a time.
     *last = None;
-    let under_way = house.environment.begin(&wish);
-    let (mut work, warnings) = begin(house, &wish).await?;
+    let under_way = context.environment.begin(&request);
+    let (mut work, warnings) = begin(context, &request).await?;
     while !work.is_done() {
         under_way.set(Progress { done: work.cameras_done(), total: work.cameras() });
-        let edit = wish.edit.clone();
+        let edit = request.edit.clone();
         let render = move |stage: &mut dyn Stage| {
             work.render_next(stage.loaded(&edit)?.renderer)?;
             Ok(work)
         };
-        work = on_stage(house, render).await?;
+        work = on_stage(context, render).await?;
     }
     let environment = Arc::new(Environment { probe: beside(move || work.finish()).await?, warnings });
-    *last = Some((wish, Arc::clone(&environment)));
+    *last = Some((request, Arc::clone(&environment)));
     Ok(environment)
 }
 
-async fn begin(house: &Arc<House>, wish: &Wish) -> Result<(ProbeWork, Vec<String>), Failure> {
-    let (shared, wish) = (Arc::clone(house), wish.clone());
+async fn begin(context: &Arc<ServerContext>, request: &ProbeRequest) -> Result<(ProbeWork, Vec<String>), Failure> {
+    let (shared, request) = (Arc::clone(context), request.clone());
     let begin = move |stage: &mut dyn Stage| {
-        let Loaded { scene, .. } = stage.loaded(&wish.edit)?;
-        let options = ProbeOptions { width_px: wish.width, ..ProbeOptions::at(wish.at) };
+        let Loaded { scene, .. } = stage.loaded(&request.edit)?;
+        let options = ProbeOptions { width_px: request.width, ..ProbeOptions::at(request.at) };
         let subject = &shared.subject;
         let cameras: Vec<Camera> = subject.views.iter().filter(|view| view.split == "train").map(Shown::camera).collect();
-        let mut warnings: Vec<String> = unseen(scene, &cameras.iter().collect::<Vec<_>>(), wish.at).into_iter().collect();
+        let mut warnings: Vec<String> = unseen(scene, &cameras.iter().collect::<Vec<_>>(), request.at).into_iter().collect();
         if cameras.is_empty() {
             warnings.push("no data set: rendered at the resolution of the map, at which small lights may be off".into());
         }
         Ok((ProbeWork::new(scene, &options, subject.surroundings)?, warnings))
     };
-    on_stage(house, begin).await
+    on_stage(context, begin).await
 }

@@ -42,7 +42,7 @@ impl Folder {
         let _confinement = luxel_io::confine(&self.0).map_err(|error| Error::new(error.to_string()))?;
         // Takes the name, which fails if it is there, be it as a link.
         std::fs::File::create_new(&path).map_err(|error| refusal(&path, &error))?;
-        let written = luxel::files::write_bytes(&path, content);
+        let written = luxel_app::files::write_bytes(&path, content);
         if written.is_err() {
             let _ = std::fs::remove_file(&path);
         }

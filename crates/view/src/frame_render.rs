@@ -19,9 +19,9 @@ use serde::Deserialize;
 use crate::answer::Failure;
 use crate::folder::Folder;
 use crate::frame_status::{RenderState, RenderStatus};
-use crate::house::{House, beside, on_stage};
 use crate::jobs::{Loaded, Stage};
 use crate::path_file::{PathFile, PathJson};
+use crate::server_context::{ServerContext, beside, on_stage};
 use crate::stage::check_edits;
 
 /// Time before a frame is asked for again when too many pictures wait.
@@ -65,35 +65,35 @@ struct Frames {
 /// # Errors
 /// One is in progress; nothing can be rendered or saved here; a path, name or edit that cannot be
 /// used; a name that is taken.
-pub(crate) async fn start(house: &Arc<House>, wish: RenderJson) -> Result<(), Failure> {
+pub(crate) async fn start(context: &Arc<ServerContext>, wish: RenderJson) -> Result<(), Failure> {
     let RenderJson { path, name, edit, samples, exr_type } = wish;
-    check_edits(house.workshop.as_deref(), &edit)?;
+    check_edits(context.edit_session.as_deref(), &edit)?;
     let conflict = |message: &str| Failure::new(StatusCode::CONFLICT, message);
-    if house.scene.is_none() {
+    if context.scene.is_none() {
         return Err(conflict("the scene is being trained: end the training, and open the run with luxel view"));
     }
-    let folder = house.folder()?;
+    let folder = context.folder()?;
     if samples.is_some_and(|samples| !(1..=luxel_core::MAX_SAMPLES).contains(&samples)) {
         return Err(format!("\"samples\" is {}, expected 1 to {}", samples.unwrap_or(0), luxel_core::MAX_SAMPLES).into());
     }
     {
-        let mut status = house.frames.lock();
+        let mut status = context.frames.lock();
         if status.state == RenderState::Running {
             return Err(conflict("a path is being rendered already: wait for it, or cancel it"));
         }
         *status = RenderStatus { state: RenderState::Running, name: name.clone(), ..RenderStatus::default() };
-        house.frames.is_cancelled.store(false, Ordering::SeqCst);
+        context.frames.is_cancelled.store(false, Ordering::SeqCst);
     }
     let prepared = beside(move || prepare(&path, &name, &folder)).await.and_then(|prepared| Ok(prepared?));
     let (folder, cameras) = match prepared {
         Ok(prepared) => prepared,
         Err(failure) => {
-            *house.frames.lock() = RenderStatus::default();
+            *context.frames.lock() = RenderStatus::default();
             return Err(failure);
         }
     };
     {
-        let mut status = house.frames.lock();
+        let mut status = context.frames.lock();
         (status.total, status.folder) = (cameras.len(), folder.path().display().to_string());
     }
     let exr_type = match exr_type {
@@ -102,10 +102,10 @@ pub(crate) async fn start(house: &Arc<House>, wish: RenderJson) -> Result<(), Fa
         ExrTypeJson::Float => ExrType::Float,
     };
     let frames = Arc::new(Frames { folder, edit, samples, exr_type, recipe: OnceLock::new() });
-    let house = Arc::clone(house);
+    let context = Arc::clone(context);
     tokio::spawn(async move {
-        let end = render(&house, &frames, cameras).await;
-        let mut status = house.frames.lock();
+        let end = render(&context, &frames, cameras).await;
+        let mut status = context.frames.lock();
         (status.state, status.error) = match end {
             Ok(state) => (state, None),
             Err(failure) => (RenderState::Failed, Some(failure.message)),
@@ -126,16 +126,16 @@ fn prepare(path: &PathJson, name: &str, folder: &Folder) -> Result<(Folder, Vec<
     Ok((folder, cameras))
 }
 
-async fn render(house: &House, frames: &Arc<Frames>, cameras: Vec<PathCamera>) -> Result<RenderState, Failure> {
+async fn render(context: &ServerContext, frames: &Arc<Frames>, cameras: Vec<PathCamera>) -> Result<RenderState, Failure> {
     let start = Instant::now();
     for PathCamera { name, camera, .. } in cameras {
         let (radiance, made_by) = loop {
-            if house.frames.is_cancelled.load(Ordering::SeqCst) {
+            if context.frames.is_cancelled.load(Ordering::SeqCst) {
                 return Ok(RenderState::Cancelled);
             }
             let (shared, camera) = (Arc::clone(frames), camera.clone());
-            match on_stage(house, move |stage| shared.render(stage, &camera)).await {
-                Err(failure) if failure.status == StatusCode::SERVICE_UNAVAILABLE && !house.jobs.is_closed() => {
+            match on_stage(context, move |stage| shared.render(stage, &camera)).await {
+                Err(failure) if failure.status == StatusCode::SERVICE_UNAVAILABLE && !context.jobs.is_closed() => {
                     tokio::time::sleep(AGAIN).await;
                 }
                 result => break result?,
@@ -147,7 +147,7 @@ async fn render(house: &House, frames: &Arc<Frames>, cameras: Vec<PathCamera>) -
             shared.folder.new_file("", &name, "exr", &file)
         })
         .await??;
-        let mut status = house.frames.lock();
+        let mut status = context.frames.lock();
         (status.done, status.seconds) = (status.done + 1, start.elapsed().as_secs_f64());
     }
     Ok(RenderState::Finished)

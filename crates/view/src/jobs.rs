@@ -16,7 +16,7 @@ use luxel::{Error, RadianceLayers, Renderer, Scene};
 use luxel_core::Camera;
 use tokio::sync::oneshot;
 
-use crate::lens::LensWish;
+use crate::lens::LensRequest;
 use crate::variant::Variant;
 
 /// Jobs that may wait.
@@ -37,7 +37,7 @@ pub(crate) struct Wanted {
     /// The scene, and how its splats are drawn.
     pub(crate) variant: Variant,
     /// The lens; `None` for a pinhole.
-    pub(crate) lens: Option<LensWish>,
+    pub(crate) lens: Option<LensRequest>,
 }
 
 /// A finished render.
@@ -108,7 +108,7 @@ impl Job {
         match self {
             Self::Picture(job) => {
                 let [width, height] = job.wanted.camera.size_px;
-                let renders = job.wanted.lens.map_or(1, LensWish::renders);
+                let renders = job.wanted.lens.map_or(1, LensRequest::renders);
                 (u64::from(width) * u64::from(height) * u64::from(renders)).max(QUICK_PX).ilog2() / 2
             }
             Self::Task(_) => u32::MAX,

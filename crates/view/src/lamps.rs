@@ -15,10 +15,10 @@ use serde_json::{Value, json};
 
 use crate::answer::{Answer, Failure};
 use crate::environment::point_of;
-use crate::house::{House, on_stage, try_beside};
 use crate::jobs::Stage;
 use crate::probe_map::FoundLamps;
 use crate::query::Query;
+use crate::server_context::{ServerContext, on_stage, try_beside};
 use crate::stage::check_edits;
 use crate::subject::Shown;
 
@@ -26,20 +26,20 @@ use crate::subject::Shown;
 const WIDTH_PX: usize = 96;
 
 /// Answers `/api/lamps`.
-pub(crate) async fn answer(house: &Arc<House>, method: &Method, query: &mut Query) -> Result<Answer, Failure> {
+pub(crate) async fn answer(context: &Arc<ServerContext>, method: &Method, query: &mut Query) -> Result<Answer, Failure> {
     if *method != Method::GET {
         return Err(Failure::new(StatusCode::METHOD_NOT_ALLOWED, "GET finds lamps"));
     }
     let (at, edit) = (point_of(query)?, query.take("edit").unwrap_or_default());
-    check_edits(house.workshop.as_deref(), &edit)?;
-    let mut last = house.lamps.last.lock().await;
+    check_edits(context.edit_session.as_deref(), &edit)?;
+    let mut last = context.lamps.last.lock().await;
     if let Some(known) = last.as_ref().filter(|known| known.at == at && known.edit == edit) {
         return Answer::json(&schema::VIEW.versioned(&known.answer));
     }
     let of_edit = edit.clone();
-    let scene = on_stage(house, move |stage: &mut dyn Stage| Ok(stage.loaded(&of_edit)?.scene.clone())).await?;
-    let cameras: Vec<Camera> = house.subject.views.iter().filter(|view| view.split == "train").map(Shown::camera).collect();
-    let surroundings = house.subject.surroundings;
+    let scene = on_stage(context, move |stage: &mut dyn Stage| Ok(stage.loaded(&of_edit)?.scene.clone())).await?;
+    let cameras: Vec<Camera> = context.subject.views.iter().filter(|view| view.split == "train").map(Shown::camera).collect();
+    let surroundings = context.subject.surroundings;
     let find = move || {
         let color_space = scene.color_space.linear();
         let dome = DomeOptions { at: Some(at), width_px: WIDTH_PX, ..DomeOptions::default() };

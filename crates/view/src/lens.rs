@@ -1,8 +1,8 @@
 //! The lens of a picture: an aperture of finite size, and what is in focus.
 //!
 //! In: the parameters `aperture` and `focus` of a request, world units, and which samples of the
-//! aperture: `lens_samples` in all, the part `lens_part` of `lens_parts`. Out: a [`LensWish`], by
-//! which [`luxel::photograph`] renders. Degenerate: without an aperture it is a pinhole.
+//! aperture: `lens_samples` in all, the part `lens_part` of `lens_parts`. Out: a [`LensRequest`],
+//! by which [`luxel::photograph`] renders. Degenerate: without an aperture it is a pinhole.
 
 use luxel::photograph::{Aperture, Photograph};
 use luxel_core::Camera;
@@ -16,7 +16,7 @@ const MAX_RENDERS: u32 = 256;
 
 /// An aperture, and the samples of it that a picture is the mean of.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct LensWish {
+pub(crate) struct LensRequest {
     /// Diameter of the aperture, world units.
     diameter: f64,
     /// Distance in focus along the camera's axis, world units.
@@ -27,7 +27,7 @@ pub(crate) struct LensWish {
     pub(crate) part: [u32; 2],
 }
 
-impl LensWish {
+impl LensRequest {
     /// Takes a lens out of a query.
     pub(crate) fn take(query: &mut Query) -> Result<Option<Self>, String> {
         let (diameter, focus) = (query.number::<f64>("aperture")?, query.number::<f64>("focus")?);
@@ -72,15 +72,15 @@ impl LensWish {
 mod tests {
     use super::*;
 
-    fn lens(text: &str) -> Result<Option<LensWish>, String> {
-        LensWish::take(&mut Query::parse(text).unwrap())
+    fn lens(text: &str) -> Result<Option<LensRequest>, String> {
+        LensRequest::take(&mut Query::parse(text).unwrap())
     }
 
     #[test]
     fn parameters_make_a_lens() {
         assert_eq!(lens(""), Ok(None));
         let found = lens("aperture=0.1&focus=2&lens_samples=10&lens_part=1&lens_parts=4").unwrap().unwrap();
-        assert_eq!((found, found.renders()), (LensWish { diameter: 0.1, focus: 2.0, samples: 10, part: [1, 4] }, 3));
+        assert_eq!((found, found.renders()), (LensRequest { diameter: 0.1, focus: 2.0, samples: 10, part: [1, 4] }, 3));
         assert_eq!(lens("aperture=0.1&focus=2").unwrap().unwrap().renders(), 16);
     }
 

@@ -28,6 +28,7 @@ mod assets;
 mod changes;
 mod display;
 mod downloads;
+mod edit_session;
 mod edits;
 mod environment;
 mod folder;
@@ -35,10 +36,8 @@ mod frame;
 mod frame_render;
 mod frame_status;
 mod gate;
-mod house;
 mod jobs;
 mod lamps;
-mod large;
 mod lens;
 mod live;
 mod page_file;
@@ -48,8 +47,11 @@ mod pictures;
 mod poster;
 mod probe_map;
 mod query;
+mod response_permits;
 mod routes;
 mod server;
+mod server_context;
+pub mod solids;
 mod splats;
 mod stage;
 mod status;
@@ -57,7 +59,6 @@ mod stills;
 mod subject;
 mod thumbnail;
 mod variant;
-mod workshop;
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -65,14 +66,14 @@ use std::time::Duration;
 
 use luxel::{Error, Remedy, Renderer, Result, Scene, StopFlag};
 
+use crate::edit_session::EditSession;
 use crate::gate::Gate;
-use crate::house::House;
 pub use crate::live::Live;
 pub use crate::page_file::{PageBytes, limit_degree, write_page};
+use crate::server_context::ServerContext;
 use crate::stage::{LastPicture, SceneStage, SceneStages};
 use crate::status::Status;
 pub use crate::subject::Subject;
-use crate::workshop::Workshop;
 
 /// The address that a viewer listens at by default.
 pub const DEFAULT_ADDRESS: &str = "127.0.0.1:7007";
@@ -131,36 +132,36 @@ impl Viewer {
         let mut stages = Vec::with_capacity(1 + others.len());
         let status = Status { splats: scene.splats.len(), ..Status::default() };
         let scene = Arc::new(scene);
-        let workshop = Arc::new(Workshop::new(&subject, Arc::clone(&scene), renderer.options().background));
-        stages.push(SceneStage::new(Arc::clone(&scene), renderer).with_workshop(Arc::clone(&workshop)));
+        let session = Arc::new(EditSession::new(&subject, Arc::clone(&scene), renderer.options().background));
+        stages.push(SceneStage::new(Arc::clone(&scene), renderer).with_edit_session(Arc::clone(&session)));
         for Other { name, scene: other, renderer } in others {
             subject.add_other(name, &scene, &other);
             stages.push(SceneStage::new(Arc::new(other), renderer));
         }
-        let house = House::new(subject, scene.color_space, status, Some(Arc::clone(&scene)));
-        let house = Arc::new(House { workshop: Some(workshop), ..house });
+        let context = ServerContext::new(subject, scene.color_space, status, Some(Arc::clone(&scene)));
+        let context = Arc::new(ServerContext { edit_session: Some(session), ..context });
         drop(scene);
-        self.start(Arc::clone(&house))?;
+        self.start(Arc::clone(&context))?;
         let mut stage = SceneStages(stages);
         let mut last = LastPicture::default();
         while !stop.is_requested() {
-            if let Some(job) = house.jobs.next(PATIENCE) {
+            if let Some(job) = context.jobs.next(PATIENCE) {
                 last.answer(job, &mut stage);
             }
         }
-        house.jobs.close();
+        context.jobs.close();
         Ok(())
     }
 
     /// Starts the server's thread, which runs until the process ends.
-    fn start(self, house: Arc<House>) -> Result<()> {
+    fn start(self, context: Arc<ServerContext>) -> Result<()> {
         let Self { listener, gate } = self;
         let cannot = |error: std::io::Error| Error::new(format!("cannot start the viewer: {error}"));
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(cannot)?;
         let serve = move || {
             runtime.block_on(async move {
                 if let Ok(listener) = tokio::net::TcpListener::from_std(listener) {
-                    server::serve(listener, Arc::new(gate), house).await;
+                    server::serve(listener, Arc::new(gate), context).await;
                 }
             });
         };

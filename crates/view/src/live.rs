@@ -8,10 +8,11 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use luxel::{Error, Event, LiveRun, LogRecord, Observer, RadianceLayers, Result, StopFlag, Wish};
+use luxel::{Error, Event, LiveRun, LogRecord, Observer, RadianceLayers, Result, StopFlag, VisitAction};
 
-use crate::house::House;
 use crate::jobs::{Stage, Wanted};
+use crate::server_context::ServerContext;
+use crate::solids;
 use crate::stage::{LastPicture, without_layers};
 use crate::status::{Record, Shared, Status, TrainingStatus};
 use crate::variant::Variant;
@@ -36,7 +37,7 @@ pub struct Live<'a> {
 struct LiveState {
     /// The address, until the first visit.
     viewer: Option<Viewer>,
-    house: Option<Arc<House>>,
+    context: Option<Arc<ServerContext>>,
     last: LastPicture,
     told_at: Instant,
 }
@@ -45,7 +46,7 @@ impl<'a> Live<'a> {
     /// Creates a viewer for the training run `name`. Events are forwarded to `next`; the page's
     /// Stop button sets `stop`.
     pub fn new(viewer: Viewer, name: impl Into<String>, stop: &'a StopFlag, next: &'a dyn Observer) -> Self {
-        let state = LiveState { viewer: Some(viewer), house: None, last: LastPicture::default(), told_at: Instant::now() };
+        let state = LiveState { viewer: Some(viewer), context: None, last: LastPicture::default(), told_at: Instant::now() };
         Self { name: name.into(), stop, next, cd_m2_per_unit: None, state: Mutex::new(state) }
     }
 
@@ -57,53 +58,53 @@ impl<'a> Live<'a> {
     }
 
     /// Returns what the server has, which it is started with at the first visit.
-    fn house(&self, state: &mut LiveState, run: &mut LiveRun<'_>) -> Result<Arc<House>> {
-        if let Some(house) = &state.house {
-            return Ok(Arc::clone(house));
+    fn context(&self, state: &mut LiveState, run: &mut LiveRun<'_>) -> Result<Arc<ServerContext>> {
+        if let Some(context) = &state.context {
+            return Ok(Arc::clone(context));
         }
         let scene = run.scene()?;
         let subject = Subject::new(self.name.clone(), &scene, Some(run.dataset()))?.with_cd_m2_per_unit(self.cd_m2_per_unit);
         if let Some(cameras) = run.refined_cameras() {
             subject.move_views(&cameras);
         }
-        let house = Arc::new(House::new(subject, scene.color_space, status_of(run), None));
+        let context = Arc::new(ServerContext::new(subject, scene.color_space, status_of(run), None));
         let viewer = state.viewer.take().ok_or_else(|| Error::new("the viewer could not be started"))?;
-        viewer.start(Arc::clone(&house))?;
-        state.house = Some(Arc::clone(&house));
-        Ok(house)
+        viewer.start(Arc::clone(&context))?;
+        state.context = Some(Arc::clone(&context));
+        Ok(context)
     }
 
     /// Answers what waits; longer while the run is paused.
-    fn serve(&self, house: &House, state: &mut LiveState, run: &mut LiveRun<'_>) -> Wish {
-        let wishes = &house.shared.wishes;
+    fn serve(&self, context: &ServerContext, state: &mut LiveState, run: &mut LiveRun<'_>) -> VisitAction {
+        let wishes = &context.shared.wishes;
         let newest = status_of(run);
         if state.told_at.elapsed() >= TELL_EVERY {
             state.told_at = Instant::now();
-            tell(house, run, &newest);
+            tell(context, run, &newest);
         }
         for _ in 0..JOBS_PER_STEP {
-            let Some(job) = house.jobs.next(Duration::ZERO) else { break };
+            let Some(job) = context.jobs.next(Duration::ZERO) else { break };
             state.last.answer(job, &mut LiveStage { run });
         }
-        let mut wish = Wish::Continue;
+        let mut action = VisitAction::Continue;
         loop {
             if Shared::take(&wishes.stop) {
                 self.stop.request();
             }
             if Shared::take(&wishes.save) {
-                wish = Wish::Save;
+                action = VisitAction::Save;
             }
             let is_paused = wishes.pause.load(Ordering::SeqCst) && !self.stop.is_requested();
             // Whoever sees that the run is paused sees where.
-            if is_paused && house.shared.status().training.is_some_and(|training| !training.is_paused) {
-                tell(house, run, &newest);
+            if is_paused && context.shared.status().training.is_some_and(|training| !training.is_paused) {
+                tell(context, run, &newest);
             }
-            house.shared.update_if(|training| std::mem::replace(&mut training.is_paused, is_paused) != is_paused);
+            context.shared.update_if(|training| std::mem::replace(&mut training.is_paused, is_paused) != is_paused);
             // What is saved is saved at once, also while the run is paused.
-            if !is_paused || wish == Wish::Save {
-                return wish;
+            if !is_paused || action == VisitAction::Save {
+                return action;
             }
-            if let Some(job) = house.jobs.next(PATIENCE) {
+            if let Some(job) = context.jobs.next(PATIENCE) {
                 state.last.answer(job, &mut LiveStage { run });
             }
         }
@@ -113,12 +114,12 @@ impl<'a> Live<'a> {
 impl Observer for Live<'_> {
     fn event(&self, event: Event) {
         let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(house) = &state.house {
+        if let Some(context) = &state.context {
             match &event {
-                Event::Progress { record, .. } => house.shared.record(Record::from(record)),
+                Event::Progress { record, .. } => context.shared.record(Record::from(record)),
                 Event::StepsEnd => {
-                    house.shared.update_if(|training| !std::mem::replace(&mut training.is_finished, true));
-                    house.jobs.close();
+                    context.shared.update_if(|training| !std::mem::replace(&mut training.is_finished, true));
+                    context.jobs.close();
                 }
                 _ => {}
             }
@@ -127,17 +128,17 @@ impl Observer for Live<'_> {
         self.next.event(event);
     }
 
-    fn visit(&self, run: &mut LiveRun<'_>) -> Wish {
+    fn visit(&self, run: &mut LiveRun<'_>) -> VisitAction {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        if state.viewer.is_none() && state.house.is_none() {
-            return Wish::Continue;
+        if state.viewer.is_none() && state.context.is_none() {
+            return VisitAction::Continue;
         }
-        match self.house(&mut state, run) {
-            Ok(house) => self.serve(&house, &mut state, run),
+        match self.context(&mut state, run) {
+            Ok(context) => self.serve(&context, &mut state, run),
             Err(error) => {
                 drop(state);
                 self.next.warn(&format!("training continues without the viewer: {error:#}"));
-                Wish::Continue
+                VisitAction::Continue
             }
         }
     }
@@ -164,9 +165,9 @@ fn status_of(run: &LiveRun<'_>) -> Status {
 }
 
 /// Tells the pages where the run is, and its cameras with it.
-fn tell(house: &House, run: &LiveRun<'_>, newest: &Status) {
-    let has_moved = run.refined_cameras().is_some_and(|cameras| house.subject.move_views(&cameras));
-    house.shared.update(|status| {
+fn tell(context: &ServerContext, run: &LiveRun<'_>, newest: &Status) {
+    let has_moved = run.refined_cameras().is_some_and(|cameras| context.subject.move_views(&cameras));
+    context.shared.update(|status| {
         status.advance(newest.clone());
         status.cameras += u64::from(has_moved);
     });
@@ -209,8 +210,8 @@ impl LiveStage<'_, '_> {
         };
         let scene = self.run.scene()?;
         match wanted.variant.clip {
-            Some(clip) => luxel::solids::render(&clip.apply(&scene, &wanted.camera), &wanted.camera, solids),
-            None => luxel::solids::render(&scene, &wanted.camera, solids),
+            Some(clip) => solids::render(&clip.apply(&scene, &wanted.camera), &wanted.camera, solids),
+            None => solids::render(&scene, &wanted.camera, solids),
         }
     }
 }

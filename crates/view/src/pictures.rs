@@ -9,10 +9,10 @@ use serde_json::{Value, json};
 
 use crate::answer::{Answer, Failure};
 use crate::frame::Planes;
-use crate::house::{House, beside, render, render_surely};
 use crate::jobs::{Rendered, Wanted};
-use crate::lens::LensWish;
+use crate::lens::LensRequest;
 use crate::query::Query;
+use crate::server_context::{ServerContext, beside, render, render_surely};
 use crate::stage::check_edits;
 use crate::variant::Variant;
 
@@ -22,23 +22,23 @@ const MAX_FRAME_PX: u64 = 1 << 25;
 const EXR_PIXEL_BYTES: usize = 20;
 
 /// Takes camera, size and edits out of a query.
-pub(crate) fn wanted(house: &House, query: &mut Query) -> Result<Wanted, Failure> {
+pub(crate) fn wanted(context: &ServerContext, query: &mut Query) -> Result<Wanted, Failure> {
     let size: [Option<u32>; 2] = [query.number("width")?, query.number("height")?];
     let edit = query.take("edit").unwrap_or_default();
-    check_edits(house.workshop.as_deref(), &edit)?;
-    let variant = Variant::take(query, house.subject.scenes())?;
+    check_edits(context.edit_session.as_deref(), &edit)?;
+    let variant = Variant::take(query, context.subject.scenes())?;
     let camera = match (query.take("view"), query.take("camera")) {
         (Some(name), None) => {
-            let camera = house.subject.view(&name).map_err(|message| Failure::new(StatusCode::NOT_FOUND, message))?.camera();
+            let camera = context.subject.view(&name).map_err(|message| Failure::new(StatusCode::NOT_FOUND, message))?.camera();
             match size {
-                [None, None] => house.subject.to_scene(&camera, variant.scene),
+                [None, None] => context.subject.to_scene(&camera, variant.scene),
                 [width, height] => {
                     let size = [width.unwrap_or(camera.size_px[0]), height.unwrap_or(camera.size_px[1])];
-                    house.subject.to_scene(&resized(&camera, size), variant.scene)
+                    context.subject.to_scene(&resized(&camera, size), variant.scene)
                 }
             }
         }
-        (None, Some(text)) => house.subject.local_camera(&camera_of(&text, size)?, variant.scene),
+        (None, Some(text)) => context.subject.local_camera(&camera_of(&text, size)?, variant.scene),
         _ => {
             return Err(String::from(
                 "expected one of \"view\" (a name of /api/scene) and \"camera\" (JSON as a frame of transforms.json)",
@@ -47,7 +47,7 @@ pub(crate) fn wanted(house: &House, query: &mut Query) -> Result<Wanted, Failure
         }
     };
     camera.validate().map_err(|error| format!("camera: {error}"))?;
-    let lens = LensWish::take(query)?;
+    let lens = LensRequest::take(query)?;
     if lens.is_some() && (variant.solids.is_some() || !camera.projection.is_pinhole()) {
         return Err(String::from("a lens needs blended splats and the projection of a pinhole").into());
     }
@@ -99,19 +99,19 @@ fn channels(query: &mut Query) -> Result<Channels, Failure> {
 }
 
 /// Answers with radiance, coverage and depth as the page takes them.
-pub(crate) async fn frame(house: &House, query: &mut Query) -> Result<Answer, Failure> {
+pub(crate) async fn frame(context: &ServerContext, query: &mut Query) -> Result<Answer, Failure> {
     let Channels { rgb, alpha, depth } = channels(query)?;
     let viewer = query.take("viewer").filter(|viewer| !viewer.is_empty());
-    let wanted = Wanted { layers: alpha || depth, ..wanted(house, query)? };
+    let wanted = Wanted { layers: alpha || depth, ..wanted(context, query)? };
     let [width, height] = wanted.camera.size_px;
     if u64::from(width) * u64::from(height) > MAX_FRAME_PX {
         return Err(format!("{width} x {height} pixels, expected at most {MAX_FRAME_PX} in all").into());
     }
-    let Some(Rendered { picture, version, seconds }) = render(house, wanted, viewer).await? else {
+    let Some(Rendered { picture, version, seconds }) = render(context, wanted, viewer).await? else {
         return Ok(Answer { status: StatusCode::NO_CONTENT, ..Answer::new("application/octet-stream", Bytes::new()) });
     };
     let pixel_bytes = [(rgb, 6), (alpha, 2), (depth, 4)].iter().filter(|(is_asked, _)| *is_asked).map(|(_, bytes)| bytes).sum();
-    let place = house.room.place(answer_bytes(&picture.radiance, pixel_bytes)).await?;
+    let permit = context.permits.acquire(answer_bytes(&picture.radiance, pixel_bytes)).await?;
     let frame = beside(move || {
         let size = [picture.radiance.width(), picture.radiance.height()];
         let light = picture.radiance.light();
@@ -123,7 +123,7 @@ pub(crate) async fn frame(house: &House, query: &mut Query) -> Result<Answer, Fa
         planes.encode(size, version, seconds)
     });
     let frame = frame.await?;
-    Answer::frame(&frame.head, place.fill(frame.body))
+    Answer::frame(&frame.head, permit.fill(frame.body))
 }
 
 /// Returns the size of an answer with so many bytes for each pixel.
@@ -132,35 +132,35 @@ pub(crate) fn answer_bytes(radiance: &Radiance, pixel_bytes: usize) -> usize {
 }
 
 /// Answers with OpenEXR, as `luxel render` writes it.
-pub(crate) async fn exr(house: &House, query: &mut Query) -> Result<Answer, Failure> {
+pub(crate) async fn exr(context: &ServerContext, query: &mut Query) -> Result<Answer, Failure> {
     let Channels { alpha, depth, .. } = channels(query)?;
-    let wanted = Wanted { layers: alpha || depth, ..wanted(house, query)? };
-    let Rendered { picture, .. } = render_surely(house, wanted).await?;
+    let wanted = Wanted { layers: alpha || depth, ..wanted(context, query)? };
+    let Rendered { picture, .. } = render_surely(context, wanted).await?;
     if (alpha || depth) && picture.alpha.is_empty() {
         return Err(Failure::new(
             StatusCode::UNPROCESSABLE_ENTITY,
             "this engine renders no depth and alpha; start the viewer with the CPU's",
         ));
     }
-    let place = house.room.place(answer_bytes(&picture.radiance, EXR_PIXEL_BYTES)).await?;
+    let permit = context.permits.acquire(answer_bytes(&picture.radiance, EXR_PIXEL_BYTES)).await?;
     let file = beside(move || picture.encode_exr(alpha, depth)).await?;
     let file = file.map_err(|error| Failure::new(StatusCode::UNPROCESSABLE_ENTITY, format!("{error:#}")))?;
-    Ok(Answer { file_name: Some("view.exr"), ..Answer::new("image/x-exr", place.fill(file)) })
+    Ok(Answer { file_name: Some("view.exr"), ..Answer::new("image/x-exr", permit.fill(file)) })
 }
 
 /// Answers with what a pixel holds.
-pub(crate) async fn probe(house: &House, query: &mut Query) -> Result<Answer, Failure> {
+pub(crate) async fn probe(context: &ServerContext, query: &mut Query) -> Result<Answer, Failure> {
     let mut place =
         |name: &str| query.number::<u32>(name).and_then(|at| at.ok_or_else(|| format!("\"{name}\" is missing, expected a column or row")));
     let [x, y] = [place("x")?, place("y")?];
-    let wanted = Wanted { layers: true, ..wanted(house, query)? };
-    let camera = house.subject.to_world(&wanted.camera, wanted.variant.scene);
-    let weights = house.subject.luminance_weights(wanted.variant.scene);
+    let wanted = Wanted { layers: true, ..wanted(context, query)? };
+    let camera = context.subject.to_world(&wanted.camera, wanted.variant.scene);
+    let weights = context.subject.luminance_weights(wanted.variant.scene);
     let [width, height] = camera.size_px;
     if x >= width || y >= height {
         return Err(format!("pixel {x}, {y} is outside of {width} x {height}").into());
     }
-    let Rendered { picture, version, .. } = render_surely(house, wanted).await?;
+    let Rendered { picture, version, .. } = render_surely(context, wanted).await?;
     let Some(radiance) = picture.radiance.light().pixel(x as usize, y as usize) else {
         return Err(String::from("the pixel is missing").into());
     };
@@ -181,16 +181,16 @@ fn world_of(camera: &Camera, [x, y]: [u32; 2], depth: f64) -> glam::DVec3 {
 }
 
 /// Answers with the ground truth of a camera.
-pub(crate) async fn truth(house: &House, query: &mut Query) -> Result<Answer, Failure> {
+pub(crate) async fn truth(context: &ServerContext, query: &mut Query) -> Result<Answer, Failure> {
     let name = query.take("view").ok_or_else(|| String::from("\"view\" is missing, expected a name of /api/scene"))?;
-    let view = house.subject.view(&name).map_err(|message| Failure::new(StatusCode::NOT_FOUND, message))?;
+    let view = context.subject.view(&name).map_err(|message| Failure::new(StatusCode::NOT_FOUND, message))?;
     let Some(image) = &view.truth else {
         return Err(Failure::new(StatusCode::UNPROCESSABLE_ENTITY, "the images of this data set are captured LDR values, not radiance"));
     };
     let unreadable = |error: luxel_core::ReadError| Failure::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string());
     let (image, mask) = (&image.loaded().map_err(unreadable)?, view.mask.as_ref().map(OnDemand::loaded).transpose().map_err(unreadable)?);
     let weights = mask.as_ref().map_or(&[][..], |mask| &mask.weights);
-    let place = house.room.place(8 * image.pixels.len()).await?;
+    let permit = context.permits.acquire(8 * image.pixels.len()).await?;
     let frame = Planes::of_image(image, weights).encode([image.width, image.height], 0, 0.0);
-    Answer::frame(&frame.head, place.fill(frame.body))
+    Answer::frame(&frame.head, permit.fill(frame.body))
 }

@@ -9,7 +9,7 @@ use tokio::sync::Mutex;
 
 /// The request of a probe.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Wish {
+pub(crate) struct ProbeRequest {
     pub(crate) at: [f64; 3],
     pub(crate) width: usize,
     pub(crate) edit: String,
@@ -25,8 +25,8 @@ pub(crate) struct Environment {
 /// The probe that was made last; while one is made, others wait.
 #[derive(Debug, Default)]
 pub(crate) struct LastProbe {
-    pub(crate) last: Mutex<Option<(Wish, Arc<Environment>)>>,
-    under_way: std::sync::Mutex<Option<(Wish, Progress)>>,
+    pub(crate) last: Mutex<Option<(ProbeRequest, Arc<Environment>)>>,
+    under_way: std::sync::Mutex<Option<(ProbeRequest, Progress)>>,
 }
 
 /// The lamps at a point of the scene under edits, as they are answered.
@@ -51,18 +51,18 @@ pub(crate) struct Progress {
 }
 
 impl LastProbe {
-    fn under_way(&self) -> std::sync::MutexGuard<'_, Option<(Wish, Progress)>> {
+    fn under_way(&self) -> std::sync::MutexGuard<'_, Option<(ProbeRequest, Progress)>> {
         self.under_way.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Returns how far this probe is; 0 of 0 for one that is not under way.
-    pub(crate) fn progress(&self, wish: &Wish) -> Progress {
-        self.under_way().as_ref().filter(|(known, _)| known == wish).map(|(_, progress)| *progress).unwrap_or_default()
+    pub(crate) fn progress(&self, request: &ProbeRequest) -> Progress {
+        self.under_way().as_ref().filter(|(known, _)| known == request).map(|(_, progress)| *progress).unwrap_or_default()
     }
 
     /// Notes that a probe is under way, until what is returned is dropped.
-    pub(crate) fn begin(&self, wish: &Wish) -> UnderWay<'_> {
-        *self.under_way() = Some((wish.clone(), Progress::default()));
+    pub(crate) fn begin(&self, request: &ProbeRequest) -> UnderWay<'_> {
+        *self.under_way() = Some((request.clone(), Progress::default()));
         UnderWay(self)
     }
 }

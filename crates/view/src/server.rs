@@ -27,9 +27,9 @@ use tokio_io_timeout::TimeoutStream;
 
 use crate::answer::{Answer, Failure};
 use crate::gate::{Gate, Verdict};
-use crate::house::House;
 use crate::query::Query;
 use crate::routes;
+use crate::server_context::ServerContext;
 
 /// Connections at once; more wait to be accepted.
 const MAX_CONNECTIONS: usize = 128;
@@ -53,7 +53,7 @@ const CONTENT_POLICY: &str = "default-src 'none'; script-src 'self'; style-src '
 type Content = Either<Full<Bytes>, StateStream>;
 
 /// Accepts connections for ever.
-pub(crate) async fn serve(listener: TcpListener, gate: Arc<Gate>, house: Arc<House>) {
+pub(crate) async fn serve(listener: TcpListener, gate: Arc<Gate>, context: Arc<ServerContext>) {
     let places = Arc::new(Semaphore::new(MAX_CONNECTIONS));
     loop {
         let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
@@ -65,22 +65,22 @@ pub(crate) async fn serve(listener: TcpListener, gate: Arc<Gate>, house: Arc<Hou
                 continue;
             }
         };
-        let (gate, house) = (Arc::clone(&gate), Arc::clone(&house));
+        let (gate, context) = (Arc::clone(&gate), Arc::clone(&context));
         tokio::spawn(async move {
-            converse(stream, gate, house).await;
+            converse(stream, gate, context).await;
             drop(place);
         });
     }
 }
 
-async fn converse(stream: TcpStream, gate: Arc<Gate>, house: Arc<House>) {
+async fn converse(stream: TcpStream, gate: Arc<Gate>, context: Arc<ServerContext>) {
     // Small answers are not to wait for larger ones.
     let _ = stream.set_nodelay(true);
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(STALLED_TIME));
     let service = service_fn(move |request| {
-        let (gate, house) = (Arc::clone(&gate), Arc::clone(&house));
-        async move { Ok::<_, Infallible>(respond(request, &gate, &house).await) }
+        let (gate, context) = (Arc::clone(&gate), Arc::clone(&context));
+        async move { Ok::<_, Infallible>(respond(request, &gate, &context).await) }
     });
     let mut connection = http1::Builder::new();
     connection.timer(TokioTimer::new()).header_read_timeout(REQUEST_TIME).max_buf_size(MAX_HEADER_BYTES);
@@ -88,7 +88,7 @@ async fn converse(stream: TcpStream, gate: Arc<Gate>, house: Arc<House>) {
     let _ = connection.serve_connection(TokioIo::new(Box::pin(stream)), service).await;
 }
 
-async fn respond(request: Request<Incoming>, gate: &Gate, house: &Arc<House>) -> Response<Content> {
+async fn respond(request: Request<Incoming>, gate: &Gate, context: &Arc<ServerContext>) -> Response<Content> {
     let uri = request.uri().clone();
     let query = Query::parse(uri.query().unwrap_or_default());
     let token = uri.query().and_then(|query| query.split('&').find_map(|pair| pair.strip_prefix("token=")));
@@ -96,11 +96,11 @@ async fn respond(request: Request<Incoming>, gate: &Gate, house: &Arc<House>) ->
     let answered = match (verdict, query) {
         (Verdict::Refused(why), _) => Err(Failure::new(StatusCode::FORBIDDEN, why)),
         (_, Err(message)) => Err(Failure::from(message)),
-        (_, Ok(_)) if uri.path() == "/api/events" && *request.method() == Method::GET => return events(house),
+        (_, Ok(_)) if uri.path() == "/api/events" && *request.method() == Method::GET => return events(context),
         (_, Ok(query)) => {
             let method = request.method().clone();
-            match body_of(request, house).await {
-                Ok(body) => routes::answer(house, &method, uri.path(), query, body).await,
+            match body_of(request, context).await {
+                Ok(body) => routes::answer(context, &method, uri.path(), query, body).await,
                 Err(failure) => Err(failure),
             }
         }
@@ -118,7 +118,7 @@ async fn respond(request: Request<Incoming>, gate: &Gate, house: &Arc<House>) ->
 }
 
 /// Receives the body of a `POST`; other requests have none.
-async fn body_of(request: Request<Incoming>, house: &House) -> Result<Bytes, Failure> {
+async fn body_of(request: Request<Incoming>, context: &ServerContext) -> Result<Bytes, Failure> {
     let size = request.body().size_hint();
     if size.upper() == Some(0) {
         return Ok(Bytes::new());
@@ -130,7 +130,7 @@ async fn body_of(request: Request<Incoming>, house: &House) -> Result<Bytes, Fai
     if size.lower() > MAX_BODY_BYTES as u64 {
         return Err(too_large(format!("a body of {} bytes, expected at most {MAX_BODY_BYTES}", size.lower())));
     }
-    let Ok(_place) = house.bodies.try_acquire() else {
+    let Ok(_place) = context.bodies.try_acquire() else {
         return Err(Failure::new(StatusCode::SERVICE_UNAVAILABLE, "too many bodies at once, try again"));
     };
     match tokio::time::timeout(REQUEST_TIME, Limited::new(request.into_body(), MAX_BODY_BYTES).collect()).await {
@@ -178,10 +178,10 @@ fn with_safety(mut response: Response<Content>) -> Response<Content> {
 }
 
 /// Answers with a stream of states, one event each.
-fn events(house: &Arc<House>) -> Response<Content> {
+fn events(context: &Arc<ServerContext>) -> Response<Content> {
     // One state waits at most; the next is the newest.
     let (sender, receiver) = mpsc::channel(1);
-    let mut states = house.shared.listen();
+    let mut states = context.shared.listen();
     tokio::spawn(async move {
         loop {
             let text = match tokio::time::timeout(ALIVE_EVERY, states.changed()).await {

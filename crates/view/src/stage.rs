@@ -7,13 +7,13 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use luxel::solids::{self, SolidOptions};
+use crate::solids::{self, SolidOptions};
 use luxel::{Error, Radiance, RadianceLayers, Renderer, Result, Scene};
 use luxel_core::edit::EditStack;
 
+use crate::edit_session::EditSession;
 use crate::jobs::{Job, Loaded, PictureJob, Rendered, Reply, Stage, Wanted};
-use crate::lens::LensWish;
-use crate::workshop::Workshop;
+use crate::lens::LensRequest;
 
 /// The picture that was rendered last.
 #[derive(Default)]
@@ -63,18 +63,18 @@ pub(crate) struct SceneStage {
     is_whole: bool,
     has_layers: bool,
     /// Finds what edits name besides the scene; `None` for scenes beside the first.
-    workshop: Option<Arc<Workshop>>,
+    session: Option<Arc<EditSession>>,
 }
 
 impl SceneStage {
     /// Returns the stage of a scene that `renderer` has loaded.
     pub(crate) fn new(scene: Arc<Scene>, renderer: Renderer) -> Self {
-        Self { current: Arc::clone(&scene), scene, renderer, loaded: String::new(), is_whole: true, has_layers: true, workshop: None }
+        Self { current: Arc::clone(&scene), scene, renderer, loaded: String::new(), is_whole: true, has_layers: true, session: None }
     }
 
     /// Lets edits name masks and floaters.
-    pub(crate) fn with_workshop(self, workshop: Arc<Workshop>) -> Self {
-        Self { workshop: Some(workshop), ..self }
+    pub(crate) fn with_edit_session(self, session: Arc<EditSession>) -> Self {
+        Self { session: Some(session), ..self }
     }
 
     /// Makes the scene under these edits the current one.
@@ -87,8 +87,8 @@ impl SceneStage {
             // Cameras are of the world as it is.
             let stack: EditStack = edit.parse().map_err(|error: luxel_core::edit::EditTextError| Error::new(error.to_string()))?;
             let stack = EditStack { up: None, origin: None, ..stack };
-            if let Some(workshop) = &self.workshop {
-                current = Arc::new(Scene::from(workshop.edited(&stack)?));
+            if let Some(session) = &self.session {
+                current = Arc::new(Scene::from(session.edited(&stack)?));
             } else if stack.delete.is_none() && !stack.floaters {
                 for edit in &stack.edits {
                     Arc::make_mut(&mut current).edit(edit)?;
@@ -127,7 +127,7 @@ impl SceneStage {
         }
     }
 
-    fn photograph(&mut self, wanted: &Wanted, lens: LensWish) -> Result<Radiance> {
+    fn photograph(&mut self, wanted: &Wanted, lens: LensRequest) -> Result<Radiance> {
         let photograph = lens.photograph(&wanted.camera, self.current.world_from_local.scale());
         self.renderer.photograph_part(&photograph, lens.samples, lens.part)
     }
@@ -202,12 +202,12 @@ pub(crate) fn without_layers(radiance: Radiance) -> RadianceLayers {
 }
 
 /// Checks edits before they wait for the engine.
-pub(crate) fn check_edits(workshop: Option<&Workshop>, text: &str) -> Result<(), String> {
+pub(crate) fn check_edits(session: Option<&EditSession>, text: &str) -> Result<(), String> {
     if text.is_empty() {
         return Ok(());
     }
-    match workshop {
-        Some(workshop) => workshop.parse(text).map(drop).map_err(|error| format!("{error:#}")),
+    match session {
+        Some(session) => session.parse(text).map(drop).map_err(|error| format!("{error:#}")),
         None => text.parse::<EditStack>().map(drop).map_err(|error| error.to_string()),
     }
 }

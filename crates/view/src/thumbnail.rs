@@ -5,8 +5,8 @@ use luxel::preview::{self, Look};
 use luxel_core::{ColorSpace, Image};
 
 use crate::answer::{Answer, Failure};
-use crate::house::{House, beside};
 use crate::query::Query;
+use crate::server_context::{ServerContext, beside};
 
 /// Height, pixels.
 const HEIGHT_PX: usize = 96;
@@ -14,11 +14,11 @@ const HEIGHT_PX: usize = 96;
 const QUALITY: u8 = 85;
 
 /// Answers with the thumbnail of a view.
-pub(crate) async fn answer(house: &House, query: &mut Query) -> Result<Answer, Failure> {
+pub(crate) async fn answer(context: &ServerContext, query: &mut Query) -> Result<Answer, Failure> {
     let name = query.take("view").ok_or_else(|| String::from("\"view\" is missing, expected a name of /api/scene"))?;
-    let view = house.subject.view(&name).map_err(|message| Failure::new(StatusCode::NOT_FOUND, message))?;
+    let view = context.subject.view(&name).map_err(|message| Failure::new(StatusCode::NOT_FOUND, message))?;
     let Some(image) = view.truth.clone() else { return Err(Failure::new(StatusCode::NOT_FOUND, "the view has no radiance")) };
-    let (scale, space) = (house.subject.facts.radiance_scale, house.color_space);
+    let (scale, space) = (context.subject.facts.radiance_scale, context.color_space);
     let encoded = beside(move || jpeg(&*image.loaded().map_err(|error| error.to_string())?, scale, space)).await?;
     Ok(Answer::new("image/jpeg", encoded.map_err(|message| Failure::new(StatusCode::UNPROCESSABLE_ENTITY, message))?))
 }

@@ -4,8 +4,8 @@
 //! request. Out: a [`Variant`]. Degenerate: without any of them it is the first scene, blended, as
 //! a whole.
 
+use crate::solids::{Shape, SolidOptions};
 use luxel::Scene;
-use luxel::solids::{Shape, SolidOptions};
 use luxel_core::Camera;
 
 use crate::query::Query;

@@ -8,11 +8,11 @@ use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
 use luxel::photograph::{Aperture, Photograph, Sampling};
-use luxel::solids::{Shape, SolidOptions};
 use luxel::{Device, Edit, RadianceLayers, Renderer, Scene, synthetic};
 use luxel_core::tone::srgb_encode;
 use luxel_core::{ColorSpace, RadianceScale, Similarity};
 use luxel_io::{ReadOptions, decode_image};
+use luxel_view::solids::{Shape, SolidOptions};
 use serde_json::Value;
 
 use common::Running;
@@ -203,7 +203,7 @@ fn splats_are_drawn_as_bodies_and_between_clip_planes() {
     let viewer = Running::start("127.0.0.1:0");
     let view = &viewer.dataset.train[0];
     let options = SolidOptions { shape: Shape::Ellipsoids { deviations: 2.0 }, least_opacity: 0.25 };
-    let expected = luxel::solids::render(&viewer.scene, &view.camera, options).unwrap();
+    let expected = luxel_view::solids::render(&viewer.scene, &view.camera, options).unwrap();
     let path = format!("/api/frame.exr?view={}&channels=rgb,depth", view.name);
     let served = viewer.get(&format!("{path}&splats=ellipsoids&splat_size=2&splat_opacity=0.25"));
     assert_eq!(served.body, expected.encode_exr(false, true).unwrap());

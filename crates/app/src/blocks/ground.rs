@@ -6,7 +6,7 @@
 //! the scene lies. Degenerate: cameras without a common up direction stand on the plane across z.
 
 use glam::{DVec2, DVec3};
-use luxel::up::up_of_cameras;
+use luxel::export::up_of_cameras;
 use luxel_core::Dataset;
 
 /// Points further from the middle than so many times the median distance are far off.

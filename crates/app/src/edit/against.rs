@@ -13,7 +13,6 @@
 
 use std::path::{Path, PathBuf};
 
-use luxel::colormap::magma;
 use luxel::error::{Context, bail};
 use luxel::preview::{self, Look};
 use luxel::{DeviceOptions, Observer, RADIANCE_SCALE, Result};
@@ -21,6 +20,7 @@ use luxel_core::edit::{Fidelity, Map, MaskShares, ShMap, chromaticity_distance};
 use luxel_core::tone::Tonemap;
 use luxel_core::{Edit, Image, Selection, View};
 use luxel_io::{ExrOptions, ExrSample};
+use luxel_metrics::colormap::magma;
 
 use super::trial::{EditEngines, EditTrial, EditedView};
 use crate::run::evaluation::unique_stems;

@@ -107,7 +107,7 @@ pub(crate) fn mu_error(prediction: [f32; 3], target: [f32; 3], mu: f32) -> f32 {
 
 /// Returns the colour of `share` 0 to 1; outside, and for NaN, the nearer end.
 pub(super) fn inferno(share: f32) -> [u8; 3] {
-    luxel::colormap::ramp(&INFERNO, share)
+    luxel_metrics::colormap::ramp(&INFERNO, share)
 }
 
 /// Returns the integer factor that brings the longer side to `max_side_px` or below.

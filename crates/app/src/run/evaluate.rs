@@ -74,10 +74,10 @@ pub fn evaluate_run(
     observer: &dyn Observer,
 ) -> Result<Vec<(&'static str, SplitMetrics)>> {
     let EvaluationData { path, load, dataset } = data;
-    let LoadedRun { iteration, scene, selected, implicit } = state::load_newest(folder, config, selected, observer)?;
+    let LoadedRun { iteration, scene, selected, non_splat } = state::load_newest(folder, config, selected, observer)?;
     let SelectedEngine { mut engine, threads, computed_by, .. } = selected;
     let mut kept;
-    let engine: &mut dyn Engine = match implicit {
+    let engine: &mut dyn Engine = match non_splat {
         None => engine.as_mut(),
         Some(_) => {
             kept = KeptRenders::new(engine.as_mut());
@@ -101,7 +101,7 @@ pub fn evaluate_run(
         peak_luminance: metrics.peak_luminance,
         flip: metrics.flip,
         lpips: metrics.lpips,
-        response: state::response(folder, config, iteration, implicit.as_ref())?,
+        response: state::response(folder, config, iteration, non_splat.as_ref())?,
         log_gains: Captures::read(folder)?.log_gains_at(iteration),
         progress: Some(FrameProgress { observer, done: 0, total: count_frames(config, dataset) }),
     };
@@ -117,7 +117,7 @@ pub fn evaluate_run(
         method: config.method_name(),
         iterations: iteration,
         splats,
-        field_parameters: implicit.and_then(|implicit| implicit.field_parameters),
+        field_parameters: non_splat.and_then(|non_splat| non_splat.field_parameters),
         train_seconds: spent.map_or(0.0, |record| record.elapsed_s),
         train_cpu_seconds: spent.and_then(|record| record.cpu_s),
         peak_rss_bytes: spent.and_then(|record| record.peak_rss_bytes).max(process::peak_resident_bytes()),

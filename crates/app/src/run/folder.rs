@@ -26,7 +26,7 @@ use luxel_io::LoadOptions;
 use luxel_train::Method;
 
 use super::RunConfig;
-use super::implicit_kind::ImplicitKind;
+use super::non_splat_kind::NonSplatKind;
 use super::plots;
 use crate::files;
 
@@ -80,7 +80,7 @@ pub(super) struct LockIdentity {
 
 /// The content of an output path.
 #[derive(Debug)]
-pub enum Occupant {
+pub enum PathContents {
     /// Nothing, or an empty folder.
     Nothing,
     /// A run.
@@ -125,20 +125,20 @@ impl RunFolder {
     }
 
     /// Returns the folder's content. A run whose configuration cannot be read is an error, not
-    /// [`Occupant::Foreign`].
+    /// [`PathContents::Foreign`].
     ///
     /// # Errors
     /// A folder or configuration that cannot be read.
-    pub fn occupant(&self) -> Result<Occupant> {
+    pub fn contents(&self) -> Result<PathContents> {
         if Self::is_run(&self.root) {
-            return Ok(Occupant::Run(Box::new(self.read_config()?)));
+            return Ok(PathContents::Run(Box::new(self.read_config()?)));
         }
         match std::fs::read_dir(&self.root) {
             Ok(entries) => {
                 let others = entries.flatten().any(|entry| !is_left_over(&entry.file_name()));
-                Ok(if others { Occupant::Foreign } else { Occupant::Nothing })
+                Ok(if others { PathContents::Foreign } else { PathContents::Nothing })
             }
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Occupant::Nothing),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(PathContents::Nothing),
             Err(error) if error.kind() == std::io::ErrorKind::NotADirectory => {
                 bail!("{}: is a file, expected a folder or a free name", self.root.display())
             }
@@ -241,19 +241,19 @@ impl RunFolder {
     }
 
     /// Returns the path of the field or the anchors after `iteration` steps.
-    pub fn implicit(&self, kind: ImplicitKind, iteration: u32) -> PathBuf {
+    pub fn non_splat(&self, kind: NonSplatKind, iteration: u32) -> PathBuf {
         let name = kind.name();
         self.root.join(name).join(format!("iteration_{iteration}")).join(format!("{name}.safetensors"))
     }
 
     /// Returns the path of the scene of a method after `iteration` steps, of whatever kind it is.
     pub fn result(&self, method: Method, iteration: u32) -> PathBuf {
-        ImplicitKind::of(method).map_or_else(|| self.scene(iteration), |kind| self.implicit(kind, iteration))
+        NonSplatKind::of(method).map_or_else(|| self.scene(iteration), |kind| self.non_splat(kind, iteration))
     }
 
     /// Returns whether there is a scene of any kind.
     pub(super) fn has_results(&self) -> bool {
-        !self.scene_iterations().is_empty() || ImplicitKind::ALL.into_iter().any(|kind| !self.implicit_iterations(kind).is_empty())
+        !self.scene_iterations().is_empty() || NonSplatKind::ALL.into_iter().any(|kind| !self.non_splat_iterations(kind).is_empty())
     }
 
     /// Returns the folder of the evaluation after `iteration` steps.
@@ -323,9 +323,9 @@ impl RunFolder {
     }
 
     /// Returns the iterations with a field or with anchors, newest first.
-    pub fn implicit_iterations(&self, kind: ImplicitKind) -> Vec<u32> {
+    pub fn non_splat_iterations(&self, kind: NonSplatKind) -> Vec<u32> {
         let mut found = numbered(&self.root.join(kind.name()), "iteration_");
-        found.retain(|&n| self.implicit(kind, n).is_file());
+        found.retain(|&n| self.non_splat(kind, n).is_file());
         found
     }
 
@@ -379,14 +379,14 @@ mod tests {
     fn empty_missing_and_foreign_folders_are_told_apart() {
         let folder = tempfile::tempdir().unwrap();
         let run = RunFolder::at(&folder.path().join("run"));
-        assert!(matches!(run.occupant().unwrap(), Occupant::Nothing));
+        assert!(matches!(run.contents().unwrap(), PathContents::Nothing));
         std::fs::create_dir(run.root()).unwrap();
-        assert!(matches!(run.occupant().unwrap(), Occupant::Nothing));
+        assert!(matches!(run.contents().unwrap(), PathContents::Nothing));
         // A process that was killed in its first write.
         std::fs::write(run.root().join(".luxel-a1b2c3.tmp"), "half").unwrap();
-        assert!(matches!(run.occupant().unwrap(), Occupant::Nothing));
+        assert!(matches!(run.contents().unwrap(), PathContents::Nothing));
         std::fs::write(run.root().join("thesis.doc"), "years").unwrap();
-        assert!(matches!(run.occupant().unwrap(), Occupant::Foreign));
+        assert!(matches!(run.contents().unwrap(), PathContents::Foreign));
     }
 
     #[test]
@@ -397,7 +397,7 @@ mod tests {
         assert!(run.lock().unwrap_err().to_string().contains("another luxel"));
         drop(lock);
         assert!(run.lock().is_ok());
-        assert!(matches!(run.occupant().unwrap(), Occupant::Nothing));
+        assert!(matches!(run.contents().unwrap(), PathContents::Nothing));
     }
 
     #[test]

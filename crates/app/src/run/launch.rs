@@ -11,13 +11,13 @@ use luxel::error::{Context, bail};
 use luxel::memory::RunMemory;
 use luxel::step_methods::means_of;
 use luxel::{Dataset, Error, ImageLimits, Observer, Result, Scene, SelectedEngine, StopFlag};
-use luxel_core::{Alone, Dataset as CoreDataset, Engine, Exchange, Remedy, Snapshot};
+use luxel_core::{Dataset as CoreDataset, Engine, Exchange, Remedy, SingleProcess, Snapshot};
 use luxel_io::{ImageMemory, ImagePlan, system_memory};
 use luxel_train::{Method, RankViews, Reconstruction, SceneContent, SceneSize, Trainer};
 
 use super::ranks::{keeps, tell_settings, tell_state, views_of};
 use super::{Outcome, RunConfig, RunFolder, RunLock, Session, state};
-use crate::{blocks, implicit, text};
+use crate::{blocks, non_splat, text};
 
 /// The place of a run, its observer and its stop flag.
 #[derive(Clone, Copy)]
@@ -82,7 +82,7 @@ pub fn fresh(
     launch: Launch<'_>,
     make_room: impl FnOnce(&CoreDataset) -> Result<RunLock>,
 ) -> Result<TrainedRun> {
-    fresh_over(Box::new(Alone), config, selected, launch, make_room)
+    fresh_over(Box::new(SingleProcess), config, selected, launch, make_room)
 }
 
 /// Runs as [`fresh`] does, as rank 0 of a distributed run; the other ranks [`super::follow`].
@@ -143,7 +143,7 @@ struct Means {
 fn first_trainer(config: &RunConfig, scene: Option<Scene>, dataset: &CoreDataset, means: Means) -> Result<Box<dyn Reconstruction>> {
     let Means { threads, engine, exchange } = means;
     if !config.train.method.stores_splats() {
-        return implicit::start(dataset, &config.train, implicit::Processor { threads, engine });
+        return non_splat::start(dataset, &config.train, non_splat::Processor { threads, engine });
     }
     let trainer = match (config.run.from.as_deref(), scene) {
         (Some(path), Some(scene)) => Trainer::from_scene(dataset, &scene, config.train.clone(), means_of(engine))
@@ -157,7 +157,7 @@ fn first_trainer(config: &RunConfig, scene: Option<Scene>, dataset: &CoreDataset
 #[expect(clippy::large_enum_variant, reason = "one of them, read once")]
 enum Stored {
     Splats(Snapshot),
-    Implicit(implicit::Checkpoint),
+    NonSplat(non_splat::Checkpoint),
 }
 
 impl Stored {
@@ -165,7 +165,7 @@ impl Stored {
     fn read(path: &Path, method: Method) -> Result<Self> {
         Ok(match method.stores_splats() {
             true => Self::Splats(luxel_io::read_checkpoint(path)?),
-            false => Self::Implicit(implicit::Checkpoint::read(path)?),
+            false => Self::NonSplat(non_splat::Checkpoint::read(path)?),
         })
     }
 
@@ -174,7 +174,7 @@ impl Stored {
         let Means { threads, engine, exchange } = means;
         match self {
             Self::Splats(snapshot) => Ok(Box::new(Trainer::resume(dataset, snapshot, means_of(engine))?.with_exchange(exchange))),
-            Self::Implicit(checkpoint) => implicit::resume(dataset, checkpoint, implicit::Processor { threads, engine }),
+            Self::NonSplat(checkpoint) => non_splat::resume(dataset, checkpoint, non_splat::Processor { threads, engine }),
         }
     }
 }
@@ -185,7 +185,7 @@ impl Stored {
 /// As [`fresh`]; a folder without a checkpoint that can be read; a checkpoint of other settings
 /// than those of `config`.
 pub fn resume(config: RunConfig, selected: SelectedEngine, launch: Launch<'_>, lock: RunLock) -> Result<TrainedRun> {
-    resume_over(Box::new(Alone), config, selected, launch, lock)
+    resume_over(Box::new(SingleProcess), config, selected, launch, lock)
 }
 
 /// Continues a run as [`resume`] does, as rank 0 of a distributed run; the other ranks
@@ -247,7 +247,7 @@ pub(super) struct RunStart {
 /// take, and refuses what the system does not have.
 pub(super) fn open_dataset(path: &Path, config: &RunConfig, launch: Launch<'_>, start: RunStart, views: RankViews) -> Result<Dataset> {
     if !config.train.method.stores_splats() {
-        return implicit::open_dataset(path, config, launch);
+        return non_splat::open_dataset(path, config, launch);
     }
     let RunStart { is_on_gpu, scene_splats } = start;
     let cache = launch.folder.image_cache();

@@ -13,7 +13,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use luxel::error::Context;
-use luxel::{Event, LiveRun, Observer, Result, StopFlag, Wish};
+use luxel::{Event, LiveRun, Observer, Result, StopFlag, VisitAction};
 use luxel_core::{Dataset, StepReport};
 use luxel_train::{Reconstruction, SavedRun};
 
@@ -160,7 +160,7 @@ impl Session<'_> {
             self.observer.event(Event::Step { done: iteration });
             self.plan(state)?;
 
-            let save = state.clock.paused(|| self.visit()) == Some(Wish::Save) || self.checkpoint_is_due();
+            let save = state.clock.paused(|| self.visit()) == Some(VisitAction::Save) || self.checkpoint_is_due();
             let evaluate = self.evaluation_is_due();
             if save || evaluate || iteration.is_multiple_of(LOG_EVERY) {
                 self.check_folder(state)?;
@@ -215,7 +215,7 @@ impl Session<'_> {
     }
 
     /// Shows the observer the splats between two steps.
-    fn visit(&mut self) -> Option<Wish> {
+    fn visit(&mut self) -> Option<VisitAction> {
         let splats = self.trainer.as_splats()?;
         Some(self.observer.visit(&mut LiveRun::new(splats, self.dataset)))
     }

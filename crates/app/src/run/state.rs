@@ -60,7 +60,7 @@ pub fn newest_checkpoint(folder: &RunFolder) -> Option<PathBuf> {
 /// # Errors
 /// A run of a radiance field or of anchors, which have no splats; a run without a readable scene.
 pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32, Scene)> {
-    crate::implicit::refuse(folder)?;
+    crate::non_splat::refuse(folder)?;
     enum Source {
         Scene(PathBuf),
         Checkpoint(PathBuf),
@@ -118,11 +118,11 @@ pub struct LoadedRun {
     /// The engine.
     pub selected: SelectedEngine,
     /// The field or the anchors; `None` for splats.
-    pub implicit: Option<LoadedImplicit>,
+    pub non_splat: Option<LoadedNonSplat>,
 }
 
 /// Facts about a field or anchors that an engine holds.
-pub struct LoadedImplicit {
+pub struct LoadedNonSplat {
     /// Number of a field's parameters.
     pub field_parameters: Option<usize>,
     /// The camera's response, if it was learned.
@@ -138,10 +138,10 @@ pub struct LoadedImplicit {
 /// up; a checkpoint that is not there where colours are lifted.
 pub fn load_newest(folder: &RunFolder, config: &RunConfig, mut selected: SelectedEngine, observer: &dyn Observer) -> Result<LoadedRun> {
     if !config.train.method.stores_splats() {
-        let (iteration, found) = crate::implicit::newest_scene(folder, observer)?;
+        let (iteration, found) = crate::non_splat::newest_scene(folder, observer)?;
         let field_parameters = (config.train.method.spec().representation == Representation::Field).then(|| found.parameter_count());
-        let (scene, loaded) = (found.place.clone(), LoadedImplicit { field_parameters, response: found.response() });
-        return Ok(LoadedRun { iteration, scene, selected: found.into_engine(selected)?, implicit: Some(loaded) });
+        let (scene, loaded) = (found.place.clone(), LoadedNonSplat { field_parameters, response: found.response() });
+        return Ok(LoadedRun { iteration, scene, selected: found.into_engine(selected)?, non_splat: Some(loaded) });
     }
     let (iteration, scene) = newest_scene(folder, observer)?;
     if config.train.method.lifts_colors() {
@@ -150,10 +150,10 @@ pub fn load_newest(folder: &RunFolder, config: &RunConfig, mut selected: Selecte
         let lifted = luxel_train::lifted_engine(&snapshot, selected.engine, step_methods())
             .with_context(|| format!("{}: no lift", path.display()))?;
         let engine = lifted.with_context(|| format!("{}: its method lifts no colours", path.display()))?;
-        return Ok(LoadedRun { iteration, scene, selected: SelectedEngine { engine, ..selected }, implicit: None });
+        return Ok(LoadedRun { iteration, scene, selected: SelectedEngine { engine, ..selected }, non_splat: None });
     }
     selected.engine.load(&scene.splats, None).context("cannot load the scene")?;
-    Ok(LoadedRun { iteration, scene, selected, implicit: None })
+    Ok(LoadedRun { iteration, scene, selected, non_splat: None })
 }
 
 /// Returns the camera response that belongs to a run's scene of `iteration` steps: that of its
@@ -162,9 +162,9 @@ pub fn load_newest(folder: &RunFolder, config: &RunConfig, mut selected: Selecte
 ///
 /// # Errors
 /// A run of splats on captured LDR images that has neither.
-pub fn response(folder: &RunFolder, config: &RunConfig, iteration: u32, implicit: Option<&LoadedImplicit>) -> Result<Option<Knots>> {
-    if let Some(implicit) = implicit {
-        return Ok(implicit.response);
+pub fn response(folder: &RunFolder, config: &RunConfig, iteration: u32, non_splat: Option<&LoadedNonSplat>) -> Result<Option<Knots>> {
+    if let Some(non_splat) = non_splat {
+        return Ok(non_splat.response);
     }
     if config.load.supervision != Supervision::Ldr {
         return Ok(None);

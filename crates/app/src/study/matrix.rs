@@ -20,7 +20,7 @@ use super::reading::{SourceReading, reading_of};
 use super::stored::{Stored, union};
 use crate::files;
 use crate::run::evaluation::Metrics;
-use crate::run::{Difference, ExplicitArgs, MadeBy, Occupant, RunConfig, RunFolder, RunOptions};
+use crate::run::{Difference, ExplicitArgs, MadeBy, PathContents, RunConfig, RunFolder, RunOptions};
 
 /// Folder of the cells within the output folder.
 const RUNS: &str = "runs";
@@ -237,15 +237,15 @@ impl Matrix {
     pub(super) fn check_root(&self) -> Result<()> {
         let root = self.root.display();
         let folder = RunFolder::at(&self.root);
-        let occupant = folder.occupant()?;
+        let contents = folder.contents()?;
         // Last: another process may write the mark meanwhile, or be about to.
         if self.root.join(MARK).is_file() || folder.is_locked() {
             return Ok(());
         }
-        match occupant {
-            Occupant::Nothing => Ok(()),
-            Occupant::Run(_) => Err(other_folder(format!("{root}: holds a training run"))),
-            Occupant::Foreign => Err(other_folder(format!("{root}: is not empty and not a matrix of runs"))),
+        match contents {
+            PathContents::Nothing => Ok(()),
+            PathContents::Run(_) => Err(other_folder(format!("{root}: holds a training run"))),
+            PathContents::Foreign => Err(other_folder(format!("{root}: is not empty and not a matrix of runs"))),
         }
     }
 
@@ -299,13 +299,13 @@ impl Cell {
     /// Returns the state of the cell's folder, and adds what does not fit.
     fn state(&self, unfit: &mut Vec<String>, word: fn(&Difference) -> String) -> Result<CellState> {
         let place = self.place.display();
-        match self.folder.occupant()? {
-            Occupant::Nothing => Ok(CellState::Open),
-            Occupant::Foreign => {
+        match self.folder.contents()? {
+            PathContents::Nothing => Ok(CellState::Open),
+            PathContents::Foreign => {
                 unfit.push(format!("{place}: is not empty and not a run"));
                 Ok(CellState::Open)
             }
-            Occupant::Run(stored) => {
+            PathContents::Run(stored) => {
                 let differences = stored.differences(&self.config)?;
                 if !differences.is_empty() {
                     let lines: Vec<String> = differences.iter().map(word).collect();

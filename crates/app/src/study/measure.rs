@@ -190,7 +190,8 @@ impl MeasureOptions {
         observer: &dyn Observer,
     ) -> Result<Measured> {
         let iterations = cell.config.train.iterations;
-        let LoadedRun { iteration: found, scene, selected, implicit } = state::load_newest(&cell.folder, &cell.config, selected, observer)?;
+        let LoadedRun { iteration: found, scene, selected, non_splat } =
+            state::load_newest(&cell.folder, &cell.config, selected, observer)?;
         if found != iterations {
             bail!(
                 "{}: its newest readable scene is of step {found}, expected {iterations}; delete the folder to train it anew",
@@ -199,7 +200,7 @@ impl MeasureOptions {
         }
         let SelectedEngine { mut engine, computed_by, .. } = selected;
         let engine = engine.as_mut();
-        let response = state::response(&cell.folder, &cell.config, iterations, implicit.as_ref())?;
+        let response = state::response(&cell.folder, &cell.config, iterations, non_splat.as_ref())?;
         let options = scene.render_options_before(cell.config.train.background);
         let frames_per_second = frames_per_second(engine, &dataset.test, &options)?;
         let before = read(cell).filter(|before| before.by_scale.as_ref().map(|by_scale| by_scale.radiance_scale) == scale);

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
-use luxel::{Result, machine};
+use luxel::Result;
 use luxel_metrics::LuminanceProfile;
 
 use super::beside::OfStudy;
@@ -14,7 +14,7 @@ use super::{Failure, MethodProfile};
 use super::{beside, crops, html_table, paper};
 use crate::report::html::{document, escape};
 use crate::report::profile::{self, Profiled};
-use crate::text;
+use crate::{machine, text};
 
 /// The content of the page.
 pub(super) struct Content<'a> {

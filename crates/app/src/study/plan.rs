@@ -85,7 +85,7 @@ fn speed(finished: &[CellResult], is_alike: impl Fn(&CellResult) -> bool) -> Opt
 fn time_first_steps(cell: &Cell, observer: &dyn Observer) -> Result<f64> {
     let config = &cell.config;
     if !config.train.method.stores_splats() {
-        return crate::implicit::seconds_per_step(config, [WARM_UP_STEPS, TIMED_STEPS], observer);
+        return crate::non_splat::seconds_per_step(config, [WARM_UP_STEPS, TIMED_STEPS], observer);
     }
     let dataset = Dataset::open_reporting(&config.dataset, &config.load, observer)?;
     let mut training = Training::builder(&dataset).config(config.train.clone()).device(config.device.clone()).start()?;

@@ -72,7 +72,8 @@ mod tests {
     use std::collections::BTreeSet;
 
     use clap::{CommandFactory, FromArgMatches};
-    use luxel::{Downscale, LoadOptions, files};
+    use luxel::{Downscale, LoadOptions};
+    use luxel_app::files;
     use luxel_train::{Preset, TrainConfig};
 
     use super::*;

@@ -43,7 +43,7 @@ pub(crate) fn run_split(args: &SplitArgs, explicit: &ExplicitArgs, words: &[OsSt
         jobs.push('\n');
     }
     let path = args.output.join("jobs.txt");
-    luxel::files::write_text(&path, &jobs)?;
+    luxel_app::files::write_text(&path, &jobs)?;
     let [columns, rows] = found.grid;
     let line = |block: &SplitBlock| {
         let share = format!("{:.0} % of the points", 100.0 * block.share);

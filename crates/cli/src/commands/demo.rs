@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use include_dir::{Dir, include_dir};
+use luxel::LoadOptions;
 use luxel::preview::{self, Look};
-use luxel::{LoadOptions, files};
-use luxel_app::output;
-use luxel_app::run::{Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLock, RunOptions, TrainedRun, fresh};
+use luxel_app::run::{Launch, MadeBy, Outcome, PathContents, RunConfig, RunFolder, RunLock, RunOptions, TrainedRun, fresh};
+use luxel_app::{files, output};
 use luxel_core::tone::Tonemap;
 use luxel_core::{Dataset, RadianceScale, View, luminance_rec709};
 use luxel_train::{NamedChoice, Reconstruction, TrainConfig};
@@ -98,11 +98,11 @@ pub(super) fn remove_pictures(folder: &RunFolder) -> luxel::Result<()> {
 /// Refuses to replace anything but the results of an earlier demo.
 fn may_replace(folder: &RunFolder) -> Result<()> {
     let path = folder.root().display();
-    match folder.occupant()? {
-        Occupant::Nothing => Ok(()),
-        Occupant::Run(config) if config.made_by == MadeBy::Demo => Ok(()),
-        Occupant::Run(_) => bail!("{path}: holds a training run that is not a demo; choose another folder with -o"),
-        Occupant::Foreign => bail!("{path}: is not empty and not an earlier demo; choose another folder with -o"),
+    match folder.contents()? {
+        PathContents::Nothing => Ok(()),
+        PathContents::Run(config) if config.made_by == MadeBy::Demo => Ok(()),
+        PathContents::Run(_) => bail!("{path}: holds a training run that is not a demo; choose another folder with -o"),
+        PathContents::Foreign => bail!("{path}: is not empty and not an earlier demo; choose another folder with -o"),
     }
 }
 

@@ -7,8 +7,7 @@ use std::sync::mpsc;
 use std::time::Duration;
 
 use anyhow::Result;
-use luxel::machine;
-use luxel_app::{build_info, schema};
+use luxel_app::{build_info, machine, schema};
 use serde_json::Value;
 
 use crate::args::{self, DoctorArgs};

@@ -5,10 +5,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use luxel::edit::{self, AppliedEdit, Overlay, RemovalReason, Removed, find_view, mask_names};
-use luxel::text;
 use luxel_app::edit::{Against, EditFidelity, FULL_SCALE_ERROR, compare_edits};
 use luxel_app::run::ExplicitArgs;
-use luxel_app::{files, output, schema};
+use luxel_app::{files, output, schema, text};
 use luxel_core::edit::{EditStack, Fidelity, MaskShares};
 use luxel_core::{Dataset, Edit, Engine, Scene, Selection, View};
 use serde_json::json;

@@ -85,7 +85,7 @@ fn scene_file(args: &EvalArgs, explicit: &ExplicitArgs, lpips: Option<&Lpips>, c
         let event = json!({ "event": "evaluation", "split": name, "mean": split.mean, "mean_field": split.mean_field });
         console.result(&event, &metrics_table::table(name, split))?;
     }
-    let scale = luxel::text::number(found.radiance_scale.get().into());
+    let scale = luxel_app::text::number(found.radiance_scale.get().into());
     let whose = if args.scale.is_some() { "that of --scale" } else { "the scene's radiance scale" };
     console.note(&format!("1 in protocol scene is {whose}, {scale}; gtmax and selfmax do not depend on it"));
     console.finish_silently(json!({ "output": args.output.as_ref().map(|folder| folder.display().to_string()) }));

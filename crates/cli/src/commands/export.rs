@@ -4,8 +4,9 @@ mod page;
 
 use anyhow::{Result, bail};
 use luxel::export::{BakeError, BakeErrorValues, Exported, Format, export, exported_map};
-use luxel::{Device, output, text};
+use luxel::{Device, output};
 use luxel_app::run::ExplicitArgs;
+use luxel_app::text;
 use luxel_io::SpzPositions;
 
 use crate::args::ExportArgs;

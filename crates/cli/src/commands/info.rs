@@ -6,10 +6,9 @@ use std::sync::{Mutex, PoisonError};
 use anyhow::{Context, Result};
 use glam::DVec3;
 use luxel::memory::RunMemory;
-use luxel::text;
 use luxel_app::run::evaluation::Metrics;
-use luxel_app::run::{ExplicitArgs, ImplicitKind, RunFolder, state, vignetting_text};
-use luxel_app::schema;
+use luxel_app::run::{ExplicitArgs, NonSplatKind, RunFolder, state, vignetting_text};
+use luxel_app::{schema, text};
 use luxel_core::tone::rec709_of;
 use luxel_core::{ColorModel, ColorSpace, Dataset, Image, Scene, Splats, View, luminance_rec709, sigmoid};
 use luxel_io::{DatasetDescription, DepthFolder, DepthReport, ImagePlan, Loading, ReadOptions, SampleDepth};
@@ -94,7 +93,7 @@ fn describe_scene_file(path: &Path) -> Result<Tree> {
 
 fn describe_checkpoint(path: &Path) -> Result<Tree> {
     let mut facts = Tree::default();
-    if let Some(scene) = luxel_app::implicit::open_file(path).context("cannot read the scene")? {
+    if let Some(scene) = luxel_app::non_splat::open_file(path).context("cannot read the scene")? {
         facts.set("kind", scene.kind());
         for (name, value) in scene.facts() {
             facts.set(name, value);
@@ -124,8 +123,8 @@ fn describe_run(path: &Path, console: &Console) -> Result<Tree> {
     facts.set("iterations", config.train.iterations);
     facts.set("seed", config.train.seed);
     facts.set("luxel_version", config.luxel_version.clone());
-    if let Some(kind) = ImplicitKind::of(config.train.method) {
-        match luxel_app::implicit::newest_scene(&folder, console) {
+    if let Some(kind) = NonSplatKind::of(config.train.method) {
+        match luxel_app::non_splat::newest_scene(&folder, console) {
             Ok((iteration, scene)) => {
                 let mut newest = Tree::default();
                 newest.set("iteration", iteration);

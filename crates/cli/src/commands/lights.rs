@@ -4,8 +4,9 @@ use std::path::Path;
 
 use anyhow::Result;
 use luxel::lights::{AreaLight, EXTENSIONS, LightOptions, SceneLights, lights_json, map_path, no_cameras, scene_lights};
-use luxel::{Device, output, text};
+use luxel::{Device, output};
 use luxel_app::run::ExplicitArgs;
+use luxel_app::text;
 use luxel_io::LightShape;
 
 use crate::args::LightsArgs;

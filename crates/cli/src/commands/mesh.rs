@@ -5,9 +5,9 @@ use std::path::Path;
 use anyhow::{Result, bail};
 use luxel::export::Up;
 use luxel::mesh::{EXTENSIONS, SceneMesh, mesh};
-use luxel::stage::{Stage, is_usd_file};
 use luxel::{Device, output};
 use luxel_app::run::ExplicitArgs;
+use luxel_app::usd_space::{UsdSpace, is_usd_file};
 use luxel_core::{Camera, Dataset};
 use luxel_io::StageChoice;
 
@@ -49,7 +49,7 @@ fn cameras(args: &MeshArgs, source: &SceneSource, dataset: Option<&Dataset>) -> 
     };
     let first = dataset.and_then(|dataset| dataset.train.first().or(dataset.test.first()));
     let in_world = if is_usd_file(file) {
-        let stage = Stage::new(source.scene.metres_per_unit, Up::Default, dataset)?;
+        let stage = UsdSpace::new(source.scene.metres_per_unit, Up::Default, dataset)?;
         let choice = StageChoice { camera: None, size_px: first.map(|view| view.camera.size_px) };
         stage.read_cameras(file, choice)?.cameras
     } else {

@@ -2,8 +2,9 @@
 
 use anyhow::{Context, Result, bail};
 use luxel::mix::{MixInput, mix};
-use luxel::{output, text};
+use luxel::output;
 use luxel_app::run::open_scene;
+use luxel_app::text;
 use serde_json::json;
 
 use crate::args::MixArgs;

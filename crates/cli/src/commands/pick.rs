@@ -4,10 +4,9 @@ use std::fmt::Write as _;
 
 use anyhow::{Context, Result, bail};
 use luxel::edit::find_view;
-use luxel::pick::{Pick, pick};
-use luxel::text;
+use luxel_app::pick::{Pick, pick};
 use luxel_app::run::ExplicitArgs;
-use luxel_app::schema;
+use luxel_app::{schema, text};
 
 use crate::args::PickArgs;
 use crate::inputs::engine;

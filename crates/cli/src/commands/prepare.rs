@@ -1,9 +1,9 @@
 //! `luxel prepare`: a folder of photographs to a data set.
 
 use anyhow::Result;
-use luxel::text::plural;
 use luxel_app::output;
 use luxel_app::prepare::{PrepareOptions, PrepareReport, Prepared, WorldReport, prepare};
+use luxel_app::text::plural;
 use luxel_capture::prepare::PrepareNote;
 use luxel_core::photo::EQUAL_EXPOSURES_STOPS;
 use serde_json::json;

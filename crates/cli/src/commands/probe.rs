@@ -3,8 +3,9 @@
 use anyhow::Result;
 use luxel::preview::Look;
 use luxel::probe::{Probe, light_json, probe, unseen};
-use luxel::{Device, output, text};
+use luxel::{Device, output};
 use luxel_app::run::ExplicitArgs;
+use luxel_app::text;
 use luxel_core::environment::Light;
 use luxel_core::{Camera, Dataset, Scene};
 

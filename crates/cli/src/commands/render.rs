@@ -11,10 +11,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use luxel::edit::StackInputs;
 use luxel::preview::{self, Curve, Look};
-use luxel::{Device, FAR_DEPTH, FrameProgress, RADIANCE_SCALE, files, text};
+use luxel::{Device, FAR_DEPTH, FrameProgress, RADIANCE_SCALE};
 use luxel_app::output::{self, FrameState, Recipe};
 use luxel_app::run::evaluation::unique_stems;
 use luxel_app::run::{ExplicitArgs, state};
+use luxel_app::{files, text};
 use luxel_core::edit::EditStack;
 use luxel_core::{Camera, ColorSpace, Conversion, Engine, Layers, RasterConfig, RenderOptions, Scene};
 use luxel_io::ExrOptions;
@@ -68,7 +69,7 @@ enum Content {
     /// Nothing yet: splats come in after edits.
     Nothing,
     /// A radiance field, or anchors, of this digest.
-    Implicit(String),
+    NonSplat(String),
     /// The run's splats, whose colours it lifts to radiance.
     Lifted,
 }
@@ -85,13 +86,13 @@ fn open_engine(args: &RenderArgs, source: &mut SceneSource, console: &Console) -
         return Ok(OpenEngine { engine: state::load_newest(folder, config, selected, console)?.selected.engine, content: Content::Lifted });
     }
     let selected = engine::engine_of(&device(args), source.run.as_ref().map(|(_, config)| config))?;
-    let Some(implicit) = source.implicit.take() else { return Ok(OpenEngine { engine: selected.engine, content: Content::Nothing }) };
+    let Some(non_splat) = source.non_splat.take() else { return Ok(OpenEngine { engine: selected.engine, content: Content::Nothing }) };
     if let (Some((folder, _)), true) = (&source.run, is_edited) {
         // Edits are of splats.
-        luxel_app::implicit::refuse(folder)?;
+        luxel_app::non_splat::refuse(folder)?;
     }
-    let content = Content::Implicit(implicit.digest());
-    Ok(OpenEngine { engine: implicit.into_engine(selected)?.engine, content })
+    let content = Content::NonSplat(non_splat.digest());
+    Ok(OpenEngine { engine: non_splat.into_engine(selected)?.engine, content })
 }
 
 /// Warns of a scene whose colours are no light.
@@ -176,7 +177,7 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     let mut recipe = recipe(args, scene, &options);
     match &content {
         Content::Nothing => {}
-        Content::Implicit(digest) => recipe = recipe.with("field", digest),
+        Content::NonSplat(digest) => recipe = recipe.with("field", digest),
         Content::Lifted => recipe = recipe.with("colors", "lifted"),
     }
     let photographs = photographs(args, scene, &shots)?;
@@ -200,7 +201,7 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     if let Some(written) = written {
         written.write(args.overwrite, &console)?;
     }
-    if !args.channels.matte.is_empty() && matches!(content, Content::Implicit(_)) {
+    if !args.channels.matte.is_empty() && matches!(content, Content::NonSplat(_)) {
         bail!("--matte: mattes are of splats, and this scene has none; leave it out");
     }
     let channels = ChannelRenderer::new(args, &source, request, &console)?;

@@ -4,10 +4,9 @@ use std::ffi::OsString;
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
-use luxel_app::output;
 use luxel_app::run::{ExplicitArgs, Outcome};
 use luxel_app::study::{Failure, Study, StudyFiles, StudyJob, StudyOptions, StudyPlan, jobs, plan, report, run as run_study};
-use luxel_app::text;
+use luxel_app::{output, text};
 use serde_json::json;
 
 use crate::args::ReproduceArgs;

@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use luxel::{Remedy, text};
-use luxel_app::output;
+use luxel::Remedy;
 use luxel_app::run::{
-    ExplicitArgs, ImplicitKind, Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLock, TrainedRun, follow, fresh_over,
+    ExplicitArgs, Launch, MadeBy, NonSplatKind, Outcome, PathContents, RunConfig, RunFolder, RunLock, TrainedRun, follow, fresh_over,
     resume_over,
 };
-use luxel_core::{Alone, CameraProjection, Dataset, Exchange, View};
+use luxel_app::{output, text};
+use luxel_core::{CameraProjection, Dataset, Exchange, SingleProcess, View};
 use luxel_train::{MAX_BATCH, Method};
 use serde_json::json;
 
@@ -44,7 +44,7 @@ impl Start {
 /// Trains; `explicit` names the options that were given.
 pub(crate) fn run(args: &TrainArgs, explicit: &ExplicitArgs) -> Result<Outcome> {
     match args.distributed {
-        None => lead(args, explicit, Box::new(Alone)),
+        None => lead(args, explicit, Box::new(SingleProcess)),
         Some(DistributedArg::Mpi) => run_over_mpi(args, explicit),
     }
 }
@@ -75,14 +75,14 @@ fn lead(args: &TrainArgs, explicit: &ExplicitArgs, exchange: Box<dyn Exchange>) 
     output::check_folder_name(&args.output, &output::RESULT_EXTENSIONS)?;
     let folder = RunFolder::at(&args.output);
     // A run is read under its lock: another luxel at work in the folder may be about to change it.
-    let lock = match folder.occupant()? {
-        Occupant::Run(_) if args.resume => Some(folder.lock()?),
+    let lock = match folder.contents()? {
+        PathContents::Run(_) if args.resume => Some(folder.lock()?),
         _ => None,
     };
-    let start = resolve(args, explicit, folder.occupant()?, exchange.ranks())?;
+    let start = resolve(args, explicit, folder.contents()?, exchange.ranks())?;
     let method = start.config().train.method;
     if !method.stores_splats() {
-        check_implicit(args, method)?;
+        check_non_splat(args, method)?;
     }
     if args.stop_at_end_of_input {
         interrupt::at_end_of_input();
@@ -125,7 +125,7 @@ fn lead(args: &TrainArgs, explicit: &ExplicitArgs, exchange: Box<dyn Exchange>) 
 }
 
 /// Refuses what the training of a radiance field, or of anchors, does not do.
-fn check_implicit(args: &TrainArgs, method: Method) -> Result<()> {
+fn check_non_splat(args: &TrainArgs, method: Method) -> Result<()> {
     let trained = method.spec().representation.noun();
     let refused = [
         ("--profile", args.profile),
@@ -150,10 +150,10 @@ fn clear_run(folder: &RunFolder, replaced: MadeBy) -> luxel::Result<RunLock> {
 }
 
 /// Returns the configuration, by the command line and the content of the output folder.
-fn resolve(args: &TrainArgs, explicit: &ExplicitArgs, occupant: Occupant, ranks: usize) -> Result<Start> {
+fn resolve(args: &TrainArgs, explicit: &ExplicitArgs, contents: PathContents, ranks: usize) -> Result<Start> {
     let output = args.output.display();
     if args.resume {
-        let Occupant::Run(stored) = occupant else { bail!("{output}: no run to resume; leave --resume out to start one") };
+        let PathContents::Run(stored) = contents else { bail!("{output}: no run to resume; leave --resume out to start one") };
         let dataset = args.dataset.as_deref().map_or(Ok(stored.dataset.clone()), absolute)?;
         let given = run_config::from_args(args, dataset.clone(), explicit);
         let mut config = run_config::resumed(&stored, &given, explicit)?;
@@ -172,16 +172,16 @@ fn resolve(args: &TrainArgs, explicit: &ExplicitArgs, occupant: Occupant, ranks:
     }
     config.run.from = config.run.from.take().map(|from| scene_to_start_from(&from, &args.output)).transpose()?;
     run_config::reject_inapplicable(&config, explicit)?;
-    match occupant {
-        Occupant::Nothing => Ok(Start::Fresh(config)),
-        Occupant::Run(replaced) if args.overwrite => Ok(Start::Replace(config, replaced.made_by)),
-        Occupant::Run(_) => {
+    match contents {
+        PathContents::Nothing => Ok(Start::Fresh(config)),
+        PathContents::Run(replaced) if args.overwrite => Ok(Start::Replace(config, replaced.made_by)),
+        PathContents::Run(_) => {
             bail!("{output}: already holds a run; continue it with --resume, replace it with --overwrite, or choose another")
         }
-        Occupant::Foreign if args.overwrite => {
+        PathContents::Foreign if args.overwrite => {
             bail!("{output}: is not empty and not a luxel run, so --overwrite does not delete it; choose another output folder")
         }
-        Occupant::Foreign => {
+        PathContents::Foreign => {
             bail!("{output}: is not empty and not a luxel run (which --resume and --overwrite are for); choose another output folder")
         }
     }
@@ -263,9 +263,9 @@ fn check_used(dataset: &Dataset, config: &RunConfig, explicit: &ExplicitArgs, co
 /// set was read.
 fn lock_free(folder: &RunFolder) -> luxel::Result<RunLock> {
     let lock = folder.lock()?;
-    match folder.occupant()? {
-        Occupant::Nothing => Ok(lock),
-        Occupant::Run(_) | Occupant::Foreign => {
+    match folder.contents()? {
+        PathContents::Nothing => Ok(lock),
+        PathContents::Run(_) | PathContents::Foreign => {
             Err(luxel::Error::new(format!("{}: was empty and no longer is; choose another output folder", folder.root().display())))
         }
     }
@@ -279,10 +279,10 @@ fn finish(outcome: Outcome, folder: &RunFolder, config: &RunConfig, console: &Co
         return Ok(());
     }
     // As text: JSON has no form for a name that is not UTF-8.
-    let kind = ImplicitKind::of(config.train.method);
+    let kind = NonSplatKind::of(config.train.method);
     let [scene, metrics, report] = [folder.result(config.train.method, config.train.iterations), folder.metrics(), folder.report()]
         .map(|path| path.display().to_string());
-    let name = kind.map_or("scene", ImplicitKind::name);
+    let name = kind.map_or("scene", NonSplatKind::name);
     let text = format!("{name:7} {scene}\nmetrics {metrics}\nreport  {report}");
     console.finish_with_note(json!({ name: scene, "metrics": metrics, "report": report }), &text);
     Ok(())

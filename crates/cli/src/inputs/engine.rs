@@ -18,7 +18,7 @@ pub(crate) fn engine(args: &DeviceArgs) -> Result<SelectedEngine> {
 pub(crate) fn engine_of(args: &DeviceArgs, run: Option<&RunConfig>) -> Result<SelectedEngine> {
     let options = args.options();
     match run.map(|config| config.train.method) {
-        Some(method) if !method.stores_splats() => worded(&options, luxel_app::implicit::open_processor(&options, method)),
+        Some(method) if !method.stores_splats() => worded(&options, luxel_app::non_splat::open_processor(&options, method)),
         Some(method) if method.lifts_colors() => {
             let reason = format!("method {} lifts colours to radiance on the CPU", method.name());
             worded(&options, SelectedEngine::on_processor(&options, &reason))
@@ -30,7 +30,7 @@ pub(crate) fn engine_of(args: &DeviceArgs, run: Option<&RunConfig>) -> Result<Se
 /// Opens the engine for training.
 pub(crate) fn training_engine(config: &RunConfig) -> Result<SelectedEngine> {
     if !config.train.method.stores_splats() {
-        return worded(&config.device, luxel_app::implicit::open_processor(&config.device, config.train.method));
+        return worded(&config.device, luxel_app::non_splat::open_processor(&config.device, config.train.method));
     }
     let has_own_steps = config.train.method.has_own_steps();
     let is_packed = config.train.packs_moments();

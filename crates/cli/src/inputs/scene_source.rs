@@ -4,9 +4,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
-use luxel::{LoadOptions, Remedy, text};
-use luxel_app::implicit::ImplicitScene;
+use luxel::{LoadOptions, Remedy};
+use luxel_app::non_splat::NonSplatScene;
 use luxel_app::run::{ExplicitArgs, RunCameras, RunConfig, RunFolder, state};
+use luxel_app::text;
 use luxel_core::{Dataset, Scene};
 
 use super::data;
@@ -18,7 +19,7 @@ pub(crate) struct SceneSource {
     /// The scene; that of a field or of anchors has their units and place, and no splats.
     pub(crate) scene: Scene,
     /// The radiance field, or the anchors, rendered in place of splats.
-    pub(crate) implicit: Option<ImplicitScene>,
+    pub(crate) non_splat: Option<NonSplatScene>,
     /// `None` for a file.
     pub(crate) run: Option<(RunFolder, RunConfig)>,
     /// Steps of training after which the scene is as it is; 0 for a file.
@@ -76,9 +77,9 @@ impl SceneSource {
             let (folder, config) = RunFolder::open(path)?;
             let (iteration, scene) = state::newest_scene(&folder, console)?;
             console.note(&format!("scene of step {iteration}: {}", text::plural(scene.splats.len(), "splat")));
-            return Ok(Self { scene, implicit: None, run: Some((folder, config)), iteration });
+            return Ok(Self { scene, non_splat: None, run: Some((folder, config)), iteration });
         }
-        Ok(Self { scene: luxel::Scene::open_reporting(path, console)?.into_core(), implicit: None, run: None, iteration: 0 })
+        Ok(Self { scene: luxel::Scene::open_reporting(path, console)?.into_core(), non_splat: None, run: None, iteration: 0 })
     }
 
     /// Reads the scene at `path`, of splats, of a radiance field or of anchors, to render it.
@@ -86,9 +87,9 @@ impl SceneSource {
         if path.is_dir() {
             let (folder, config) = RunFolder::open(path)?;
             if !config.train.method.stores_splats() {
-                let (iteration, found) = luxel_app::implicit::newest_scene(&folder, console)?;
+                let (iteration, found) = luxel_app::non_splat::newest_scene(&folder, console)?;
                 console.note(&format!("step {iteration}: {}", found.summary()));
-                return Ok(Self { scene: found.place.clone(), implicit: Some(found), run: Some((folder, config)), iteration });
+                return Ok(Self { scene: found.place.clone(), non_splat: Some(found), run: Some((folder, config)), iteration });
             }
         }
         Self::open(path, console)

@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use luxel::{Event, ItemKind, LogRecord, Observer, text};
-use luxel_app::schema;
+use luxel::{Event, ItemKind, LogRecord, Observer};
+use luxel_app::{schema, text};
 use serde_json::json;
 
 use super::metrics_table::mean_line;

@@ -1,7 +1,8 @@
 //! Metrics of a split for people. A PSNR or SSIM never stands without its protocol (see
 //! [`luxel_metrics`]).
 
-use luxel::{SplitMetrics, text};
+use luxel::SplitMetrics;
+use luxel_app::text;
 use luxel_metrics::{FieldMetrics, ViewMetrics};
 
 /// Returns the means over `views` views in one line.

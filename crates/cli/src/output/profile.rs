@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use luxel::text;
+use luxel_app::text;
 use luxel_core::PassTime;
 use serde_json::json;
 

@@ -1,7 +1,7 @@
 //! Named values in order, as aligned text for people or as JSON for programs.
 
-use luxel::text;
 use luxel_app::schema::{Document, VERSION_FIELD};
+use luxel_app::text;
 use serde_json::{Map, Value};
 
 /// An ordered tree of named values. Names are those of the JSON; text shows them with spaces for

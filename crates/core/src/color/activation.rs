@@ -31,15 +31,20 @@ pub const MAX_EXP_ARGUMENT: f32 = 60.0;
 /// below every cut-off.
 const DARKEST: f32 = 1e-8;
 
+/// Returns ln(1 + e^x), as max(x, 0) + ln(1 + e^-|x|), which neither overflows nor loses the small
+/// values of very negative x.
+#[inline(always)]
+pub fn softplus<R: Real>(x: R) -> R {
+    x.max(x.lift(0.0)) + (-(x.max(-x))).exp().ln_1p()
+}
+
 impl Activation {
     /// Returns the luminance of the raw parameter.
     #[inline(always)]
     pub fn apply<R: Real>(self, raw: R) -> R {
         let zero = raw.lift(0.0);
         match self {
-            // max(l, 0) + ln(1 + e^-|l|) neither overflows nor loses the small values of very
-            // negative l.
-            Self::Softplus => raw.max(zero) + (-(raw.max(-raw))).exp().ln_1p(),
+            Self::Softplus => softplus(raw),
             Self::Exp => raw.min(raw.lift(MAX_EXP_ARGUMENT)).exp(),
             Self::Relu => raw.max(zero),
         }

@@ -4,6 +4,7 @@
 //! blocking and object-safe; an engine implements it with the eleven passes of [`Pass`]. Types that
 //! programs use together with an engine are also at the root of the crate.
 
+mod adam;
 mod camera_gradient;
 mod channels;
 mod contract;
@@ -22,6 +23,7 @@ mod sparse_gradients;
 mod step;
 mod surface;
 
+pub use adam::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, AdamBetas, AdamMove, NumberAdam};
 pub use camera_gradient::{CAMERA_SUMS, CameraGradient, CameraGradientChoice, CameraSums};
 pub use channels::{ChannelLoss, ChannelRoles, ChannelSource, ChannelStep, LEAST_CHANNELS, MeasuredChannels, SeenSplats, check_channels};
 pub use contract::{Engine, EngineError, tile_memory};
@@ -41,5 +43,5 @@ pub use raster::{Antialias, Cutoffs, Evaluations, JACOBIAN_MARGIN, Layers, MAX_S
 pub use render_only::RenderOnly;
 pub use saved::{SavedPart, SplatArray, check_range};
 pub use sparse_gradients::{SPLATS_PER_BLOCK, STATISTICS_ROWS, SparseGradients, SparsePart};
-pub use step::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, AdamBetas, LearningRates, PositionNoise, StatsCollection, StepConfig, StepReport};
+pub use step::{LearningRates, PositionNoise, StatsCollection, StepConfig, StepReport};
 pub use surface::{SurfaceImage, SurfacePixel};

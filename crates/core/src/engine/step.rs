@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::adam::AdamBetas;
 use super::{CameraGradient, CameraGradientChoice, Dropout, RenderOptions};
 use crate::{Knots, LossWeights, VIGNETTING_TERMS};
 
@@ -55,28 +56,6 @@ impl LearningRates {
     }
 }
 
-/// Adam's beta_1.
-pub const ADAM_BETA1: f32 = 0.9;
-/// Adam's beta_2.
-pub const ADAM_BETA2: f32 = 0.999;
-/// Adam's decay rates of the moments at one step.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AdamBetas {
-    /// Decay rate of the first moments.
-    pub first: f32,
-    /// Decay rate of the second moments.
-    pub second: f32,
-}
-
-impl Default for AdamBetas {
-    fn default() -> Self {
-        Self { first: ADAM_BETA1, second: ADAM_BETA2 }
-    }
-}
-
-/// Adam's epsilon.
-pub const ADAM_EPSILON: f32 = 1e-15;
-
 /// Noise on positions after the update (3DGS-MCMC): `Sigma n sigmoid(100 (0.005 - opacity)) scale`,
 /// n standard normal.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -109,6 +88,37 @@ pub struct StepConfig {
     pub stats: StatsCollection,
     /// Whether the gradient by the camera is computed.
     pub camera_gradient: CameraGradientChoice,
+}
+
+/// Learning rate of a step at rest: so small that the scene does not change over any number of
+/// steps. Adam's work is the same at any rate but 0.
+const RATE_AT_REST: f32 = 1e-9;
+
+impl StepConfig {
+    /// Returns a step with the work of any other that leaves the scene as it is, to measure how
+    /// long steps take.
+    pub fn at_rest(step: u32, render: RenderOptions) -> Self {
+        Self {
+            step,
+            render,
+            loss: LossWeights::default(),
+            learning_rates: LearningRates {
+                position: RATE_AT_REST,
+                rotation: RATE_AT_REST,
+                log_scale: RATE_AT_REST,
+                opacity_logit: RATE_AT_REST,
+                sh_dc: RATE_AT_REST,
+                sh_rest: RATE_AT_REST,
+                luminance_dc: RATE_AT_REST,
+                luminance_rest: RATE_AT_REST,
+            },
+            betas: AdamBetas::default(),
+            position_noise: None,
+            dropout: None,
+            stats: StatsCollection::Gradients,
+            camera_gradient: CameraGradientChoice::Skip,
+        }
+    }
 }
 
 /// The densification statistics that a step collects.

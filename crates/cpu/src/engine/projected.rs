@@ -181,7 +181,7 @@ impl Screens {
                     (V::load(simd, total) + row).store(total);
                 }
                 for (sum, row) in sums.iter_mut().zip(camera.into_iter().flatten()) {
-                    *sum += row.lanes().iter().map(|v| f64::from(*v)).sum::<f64>();
+                    *sum += row.sum_f64();
                 }
             }
             for (lane, i) in (n * LANES..out.opacity.len().min((n + 1) * LANES)).enumerate() {

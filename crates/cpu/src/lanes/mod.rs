@@ -1,4 +1,5 @@
-//! The vector type of all passes: sixteen numbers at a time.
+//! The vector type of all passes: sixteen numbers at a time, the splats of a block or the pixels of
+//! a 4x4 block.
 //!
 //! [`V`] wraps `fearless_simd`'s `f32x16`, which is one AVX-512 register, two of AVX2, four of SSE
 //! or NEON. Every pass is written once over the instruction set `S` and dispatched at run time.
@@ -9,25 +10,12 @@ mod moments;
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use bytemuck::{Pod, Zeroable};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8, f32x16, i32x16, mask32x16};
 use luxel_core::Real;
-pub(crate) use luxel_lanes::dispatch as with_simd;
-
-pub(crate) use self::functions::LOG2_OF_ZERO;
-
-/// Lanes of a vector: splats of a block, pixels of a 4x4 block.
-pub(crate) const LANES: usize = 16;
-
-/// Sixteen numbers in memory.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-#[repr(C, align(64))]
-pub(crate) struct Lanes(pub(crate) [f32; LANES]);
-
-impl Lanes {
-    pub(crate) const ZERO: Self = Self([0.0; LANES]);
-}
+pub(crate) use luxel_lanes::functions::LOG2_OF_ZERO;
+use luxel_lanes::sums;
+pub(crate) use luxel_lanes::{LANES, Lanes, dispatch as with_simd};
 
 /// Sixteen numbers in registers.
 #[derive(Clone, Copy)]
@@ -77,6 +65,18 @@ impl<S: Simd> V<S> {
     #[inline(always)]
     pub(crate) fn lanes(self) -> [f32; LANES] {
         self.0.to_array()
+    }
+
+    /// Returns the sum in single precision ([`sums::sum_in_order`]).
+    #[inline(always)]
+    pub(crate) fn sum_in_order(self) -> f32 {
+        sums::sum_in_order(self.lanes())
+    }
+
+    /// Returns the sum in double precision ([`sums::sum_f64`]).
+    #[inline(always)]
+    pub(crate) fn sum_f64(self) -> f64 {
+        sums::sum_f64(self.lanes())
     }
 
     #[inline(always)]

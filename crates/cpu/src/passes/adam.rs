@@ -3,7 +3,9 @@
 //!
 //! In: gradient `[rows, 16]` of a block of splats, learning rates. Degenerate: without a gradient
 //! it counts as zero, and the moments decay all the same, as in 3DGS. With a learning rate of 0
-//! parameters and moments keep their bits. In, out: parameters, moments.
+//! parameters and moments keep their bits. In, out: parameters, moments. A radiance field of the
+//! published methods updates its numbers with other betas, leaves what has no gradient, and rounds
+//! differently, so it has code of its own.
 
 use fearless_simd::Simd;
 use luxel_core::engine::{ADAM_EPSILON, AdamBetas, LearningRates, ParameterRows, PositionNoise, StepConfig};
@@ -59,11 +61,10 @@ fn row_rates(layout: ParameterRows, rates: &LearningRates) -> Vec<f32> {
 impl Step {
     /// Computes the factors from the step's configuration.
     pub(crate) fn new(StoreShape { layout, count }: StoreShape, config: &StepConfig) -> Self {
-        let power = |beta: f32| (1.0 / (1.0 - f64::from(beta).powi(config.step.max(1).min(i32::MAX as u32) as i32))) as f32;
-        let correction1 = power(config.betas.first);
+        let [correction1, correction2] = config.betas.corrections(config.step).map(|correction| (1.0 / correction) as f32);
         Self {
             rates: row_rates(layout, &config.learning_rates).into_iter().map(|rate| rate * correction1).collect(),
-            correction2: power(config.betas.second),
+            correction2,
             betas: config.betas,
             noise: config.position_noise,
             count,

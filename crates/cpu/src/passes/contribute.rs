@@ -77,8 +77,7 @@ impl<S: Simd> Visitor<S> for Adder<'_, S> {
     #[inline(always)]
     fn visit(&mut self, entry: &Entry, hit: &Hit<S>) {
         let unoccluded = V::select(hit.touched, hit.alpha, hit.alpha.lift(0.0));
-        let [masked, blended, unoccluded] =
-            [hit.weight * self.painted, hit.weight, unoccluded].map(|value| value.lanes().iter().sum::<f32>());
+        let [masked, blended, unoccluded] = [hit.weight * self.painted, hit.weight, unoccluded].map(V::sum_in_order);
         let brightest = entry.radiance.into_iter().fold(0.0, f32::max);
         let sums = &mut self.sums[entry.place as usize];
         for (sum, value) in sums.iter_mut().zip([masked, blended, unoccluded, masked * brightest]) {

@@ -263,7 +263,7 @@ fn chunk_backward<S: Simd>(
                 is_first = false;
                 for i in 0..3 {
                     // Lanes beyond the last splat have no gradient.
-                    sums[camera][i] += d_position[i].lanes().iter().map(|v| f64::from(*v)).sum::<f64>();
+                    sums[camera][i] += d_position[i].sum_f64();
                     let sum = V::load(simd, &d.position[i]) + d_position[i];
                     sum.store(&mut d.position[i]);
                 }

@@ -13,10 +13,10 @@ use luxel_metrics::{FieldMetrics, FieldOptions, FlipChoice, FlipMap, Lpips, View
 
 use super::pairs::{Pair, Pairs};
 use super::{CompareOptions, ImageMetrics};
-use crate::colormap::magma;
 use crate::error::{Context, bail};
 use crate::radiance::RADIANCE_SCALE;
 use crate::{Observer, Result};
+use luxel_metrics::colormap::magma;
 
 /// Share of the references' pixels that are darker than the scale, unless one is given.
 const SCALE_PERCENTILE: f64 = 0.999;

@@ -3,12 +3,13 @@
 //! In: two images or two folders. Out: [`Pairs`], by name. Degenerate: images of folders without a
 //! partner are listed; two images of one name without extension in a folder are an error.
 
+use luxel_core::text;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use super::CompareOptions;
+use crate::Result;
 use crate::error::{Context, bail};
-use crate::{Result, text};
 
 /// Extensions of image files.
 const EXTENSIONS: [&str; 10] = ["exr", "hdr", "pic", "tif", "tiff", "png", "jpg", "jpeg", "npy", "dpx"];

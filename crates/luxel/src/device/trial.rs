@@ -6,10 +6,10 @@
 
 use std::time::{Duration, Instant};
 
+use luxel_core::engine::StepConfig;
 use luxel_core::{Engine, RenderOptions, Splats, View, synthetic};
 
 use crate::Result;
-use crate::bench::Protocol;
 use crate::error::Context;
 
 /// Splats and image of the room.
@@ -30,10 +30,9 @@ pub(super) fn step_time(engine: &mut dyn Engine) -> Result<Duration> {
     let render = RenderOptions::default();
     let image = engine.render(&camera, &render).context("cannot render the room")?;
     let view = View::of_radiance("room", camera, image);
-    let protocol = Protocol { render, mu: luxel_core::tone::MU, warmup: 1, steps: STEPS };
     let mut fastest = Duration::MAX;
     for number in 0..=STEPS {
-        let config = protocol.step(number + 1);
+        let config = StepConfig::at_rest(number + 1, render);
         let start = Instant::now();
         engine.train_step(&view, &config).context("cannot make a training step")?;
         engine.finish().context("cannot finish a training step")?;

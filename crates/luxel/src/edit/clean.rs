@@ -15,11 +15,11 @@
 //! unseen. A scene that would lose all its splats is an error.
 
 use luxel_core::edit::MaskShares;
-use luxel_core::{Camera, Dataset, Engine, Mask, OnDemand, Scene, Selection, mask, sigmoid};
+use luxel_core::{Camera, Dataset, Engine, Mask, OnDemand, Scene, Selection, mask, sigmoid, text};
 use luxel_train::Neighbourhood;
 
 use crate::error::{Context, bail};
-use crate::{Observer, Result, text};
+use crate::{Observer, Result};
 
 /// Neighbours whose distance tells how isolated a splat is: more than a floater's own clump has.
 const NEIGHBOURS: usize = 16;

@@ -15,11 +15,11 @@ pub use self::masks::{find_view, mask_names, needs_dataset, project_masks};
 pub(crate) use self::overlay::with_radiance;
 pub use self::overlay::{Overlay, draw_overlay, overlay_png, selection_weights};
 pub use self::stack::{StackInputs, align, apply_stack, read_stack, stack_file_text};
-use luxel_core::Edit;
 use luxel_core::edit::{Applied, HardEdge, MaskShares, SelectionSummary, ShMap};
+use luxel_core::{Edit, text};
 
 use crate::error::Context;
-use crate::{Observer, Result, text};
+use crate::{Observer, Result};
 
 /// An edit that was applied.
 #[derive(Clone, Debug)]

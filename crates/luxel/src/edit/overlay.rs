@@ -51,7 +51,7 @@ pub struct Overlay<'a> {
 /// A device that gave up; the file system's refusal.
 pub fn draw_overlay(path: &Path, overlay: Overlay<'_>, engine: &mut dyn Engine) -> Result<()> {
     let bytes = overlay_png(overlay, engine)?;
-    crate::files::write_bytes(path, &bytes).context("cannot write the overlay")
+    luxel_io::write_bytes(path, &bytes).context("cannot write the overlay")
 }
 
 /// Draws a selection, and returns the PNG.

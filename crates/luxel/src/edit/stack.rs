@@ -13,7 +13,7 @@ use luxel_core::{SceneBounds, Similarity};
 
 use super::{AppliedEdit, Removed, apply};
 use crate::error::{Context, bail};
-use crate::{Observer, Result, files};
+use crate::{Observer, Result};
 
 /// Size of a file of edits, bytes, at most.
 const MAX_FILE_BYTES: u64 = 1 << 20;
@@ -103,7 +103,7 @@ fn rotation_to_up(up: DVec3) -> DMat3 {
 /// # Errors
 /// A file that cannot be read, or whose text is no stack.
 pub fn read_stack(path: &Path) -> Result<EditStack> {
-    let text = files::read_text(path, MAX_FILE_BYTES)?;
+    let text = luxel_io::read_text(path, MAX_FILE_BYTES)?;
     let mut stack: EditStack = text.parse().with_context(|| format!("{}: not a file of edits", path.display()))?;
     if stack.is_empty() {
         bail!("{}: has no edits", path.display());

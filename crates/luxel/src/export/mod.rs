@@ -19,7 +19,7 @@ mod world;
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
-use luxel_core::{ColorSpace, Dataset, Engine, Scene, Similarity};
+use luxel_core::{ColorSpace, Dataset, Engine, Scene, Similarity, text};
 use luxel_io::{Appearance, Baked, SpzPositions, SpzVersion};
 
 use self::bake::Plan;
@@ -34,8 +34,8 @@ pub use self::world::FileScale;
 use self::world::placement;
 use crate::error::{Context, bail};
 use crate::lights::LightOptions;
-pub use crate::up::{Up, UpAxis, file_from_world};
-use crate::{Error, Observer, Remedy, Result, text};
+pub use crate::up::{Up, UpAxis, file_from_world, up_of_cameras};
+use crate::{Error, Observer, Remedy, Result};
 
 /// A box along the axes, corners included.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,12 +1,12 @@
 //! The choice of the splats to export: those in a box, and of those the ones that contribute most
 //! to the views.
 
-use luxel_core::{Dataset, Engine, Scene, sigmoid};
+use luxel_core::{Dataset, Engine, Scene, sigmoid, text};
 use luxel_train::add_contribution;
 
 use super::CropBox;
 use crate::error::Context;
-use crate::{Observer, Result, text};
+use crate::{Observer, Result};
 
 /// Keeps the splats whose centre is in the box.
 pub(super) fn crop(scene: &mut Scene, bounds: Option<CropBox>) {

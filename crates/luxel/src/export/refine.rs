@@ -17,7 +17,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use luxel_core::engine::{AdamBetas, CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
-use luxel_core::{ColorModel, Dataset, Engine, LossWeights, PixelValues, Scene, Similarity, Target, ToneCurve, View};
+use luxel_core::{ColorModel, Dataset, Engine, LossWeights, PixelValues, Scene, Similarity, Target, ToneCurve, View, text};
 use luxel_io::{Appearance, BakeOptions, Baked};
 
 use super::error::reference;
@@ -25,7 +25,7 @@ use super::gain::{GainView, Gains, exposed};
 use crate::camera_path::with_at_most;
 use crate::error::Context;
 use crate::memory::engine_bytes;
-use crate::{Event, Observer, Result, memory, text};
+use crate::{Event, Observer, Result, memory};
 
 /// Steps of refinement unless a number is given.
 pub const DEFAULT_REFINE_STEPS: u32 = 100;

@@ -6,7 +6,7 @@
 use std::f64::consts::PI;
 
 use glam::DVec3;
-use luxel_core::{ColorSpace, Conversion, Engine, RenderOptions, Scene};
+use luxel_core::{ColorSpace, Conversion, Engine, RenderOptions, Scene, text};
 use luxel_io::LightShape;
 
 use super::emitters::{self, Emitter, SeenView};
@@ -15,7 +15,7 @@ use super::mesh_light::{MeshFit, mesh_fit};
 use super::placing::{LEAST_CAMERAS, LEAST_PARALLAX_DEG, place, widest_angle_deg};
 use super::windows::{self, Rectangle, Window};
 use super::{AreaLight, LightOptions, Portal, measure};
-use crate::{FrameProgress, Observer, Result, text};
+use crate::{FrameProgress, Observer, Result};
 
 /// Relative error of a fit from which on a lamp has no clear shape.
 const UNCLEAR: f64 = 0.5;

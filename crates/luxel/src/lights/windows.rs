@@ -11,13 +11,13 @@
 //! flat light as well, and lights like one.
 
 use glam::{DMat3, DVec2, DVec3};
-use luxel_core::{Camera, Engine, Image, RenderOptions, Scene};
+use luxel_core::{Camera, Engine, Image, RenderOptions, Scene, text};
 
 use super::emitters::{Emitter, SeenView, Shining, pixel_size};
 use super::measure::{alone, solid_angle};
 use super::placing::{LEAST_CAMERAS, LEAST_PARALLAX_DEG, place, widest_angle_deg};
+use crate::Result;
 use crate::error::Context;
-use crate::{Result, text};
 
 /// Most shining splats that are looked at, the brightest ones.
 const MOST_SPLATS: usize = 20_000;

@@ -9,11 +9,11 @@
 //! where the system tells no limit, nothing is refused.
 
 use luxel_core::engine::{ParameterRows, tile_memory};
-use luxel_core::{ColorModel, Remedy};
+use luxel_core::{ColorModel, Remedy, text};
 use luxel_io::{ImagePlan, IoError, system_memory};
 use luxel_train::{TrainConfig, first_colors_bytes, stereo_bytes};
 
-use crate::{memory, text};
+use crate::memory;
 
 /// Bytes per pixel and sample that a step holds on a processor, and that it keeps about tiles
 /// where it may.

@@ -8,15 +8,16 @@
 
 use std::ops::Range;
 
-use crate::networks::{Activations, LANES, Lanes};
 use glam::DVec3;
-use luxel_core::{Camera, Splat, Splats};
+use luxel_core::{Camera, Splat, Splats, softplus};
+use luxel_lanes::{LANES, Lanes};
 use rayon::prelude::*;
 
 use super::decoders::{CONTEXT, INPUTS, NETWORKS, SHAPE, at, at_mut, coefficients, color_outputs};
 use super::scene::{AnchorScene, Anchors};
 use super::visible::visible;
 use super::{FEATURE, OFFSETS, SCALES, SPLATS_PER_ANCHOR};
+use crate::networks::Activations;
 
 /// Anchors that a thread takes at once. A constant, on which sums depend.
 pub(super) const CHUNK: usize = 16 * LANES;
@@ -60,7 +61,7 @@ fn logit_of(opacity: f32) -> f32 {
 
 /// Returns ln of the logistic function.
 fn ln_sigmoid(x: f32) -> f32 {
-    x.min(0.0) - (-x.abs()).exp().ln_1p()
+    -softplus(-x)
 }
 
 impl AnchorScene {

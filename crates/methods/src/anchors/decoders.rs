@@ -7,14 +7,14 @@
 //! ten splats. Each network has 32 ReLU units; weights begin uniform within one over the root of a
 //! layer's inputs, as PyTorch's linear layers do.
 
-use crate::networks::{Activations, LANES, Lanes, Network};
 use fearless_simd::Simd;
 use luxel_core::{ColorModel, random, sh};
-use luxel_lanes::Level;
+use luxel_lanes::{LANES, Lanes, Level};
 use luxel_train::TrainError;
 
 use super::numbers::check_numbers;
 use super::{FEATURE, SPLATS_PER_ANCHOR};
+use crate::networks::{Activations, Network};
 
 /// Inputs of the networks: the feature and the direction.
 pub(super) const INPUTS: usize = FEATURE + 3;

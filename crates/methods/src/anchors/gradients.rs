@@ -121,7 +121,7 @@ impl AnchorScene {
             by_context: vec![0.0; decoders.context.len()],
             by_feature: vec![0.0; count * FEATURE],
         };
-        chunk.rooms.iter_mut().for_each(|room| room.by_outputs().fill(crate::networks::Lanes::ZERO));
+        chunk.rooms.iter_mut().for_each(|room| room.by_outputs().fill(luxel_lanes::Lanes::ZERO));
         let rows = by_splats.rows;
         for splat in chunk.splats.clone() {
             let (item, k) = (slots[splat] as usize / SPLATS_PER_ANCHOR - first, slots[splat] as usize % SPLATS_PER_ANCHOR);

@@ -4,12 +4,13 @@
 //! whose gradient is exactly 0 stays as it is, and so do its moments: most entries of a hash table
 //! are not touched by a step. With beta_2 = 0.99, the correction of the bias by the step's number
 //! is right for those, too: the first update of an entry is a tenth over the root of a hundredth,
-//! 1.
+//! 1. The order of the operations is not that of the CPU engine's pass `adam`, and neither are the
+//! last bits.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
-
-use crate::networks::LANES;
+use luxel_core::engine::AdamBetas;
+use luxel_lanes::LANES;
 
 const BETA1: f32 = 0.9;
 const BETA2: f32 = 0.99;
@@ -31,8 +32,8 @@ pub(crate) struct Rate {
 
 impl Rate {
     pub(crate) fn new(learning_rate: f32, step: u32) -> Self {
-        let rest = |beta: f32| 1.0 - f64::from(beta).powi(step.max(1).min(i32::MAX as u32) as i32);
-        Self { rate: (f64::from(learning_rate) * rest(BETA2).sqrt() / rest(BETA1)) as f32 }
+        let [first, second] = AdamBetas { first: BETA1, second: BETA2 }.corrections(step);
+        Self { rate: (f64::from(learning_rate) * second.sqrt() / first) as f32 }
     }
 
     /// Moves the parameters against the gradient.

@@ -10,9 +10,8 @@ use std::ops::Range;
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16, u32x16};
+use luxel_lanes::{LANES, Lanes};
 use serde::{Deserialize, Serialize};
-
-use crate::networks::{LANES, Lanes};
 
 /// Features of a grid point.
 pub(crate) const FEATURES: usize = 2;

@@ -4,11 +4,13 @@
 //! captured value beside it, whose radiance [`Lifts`] make. Degenerate: the exponential of a
 //! logarithm is limited to [`MAX_LOG_RADIANCE`].
 
-use crate::networks::{Activations, LANES, Network};
+use luxel_core::{sigmoid, softplus};
+use luxel_lanes::LANES;
 use serde::{Deserialize, Serialize};
 
 use crate::field::lift::{LIFT, Lifts, UNITS};
-use crate::field::raw::{ColoredSamples, RAW, logistic, softplus};
+use crate::field::raw::{ColoredSamples, RAW};
+use crate::networks::{Activations, Network};
 
 /// Largest logarithm of radiance: the exponential and its gradient stay in range.
 const MAX_LOG_RADIANCE: f32 = 20.0;
@@ -110,7 +112,7 @@ impl Head {
             // Behind the limit there is no gradient but that of the limit itself, so that radiance
             // can come back.
             (ColorHead::Log, _) => by_raw.extend(by_channels.iter().zip(raw).map(|(by, raw)| by * raw.min(MAX_LOG_RADIANCE).exp())),
-            _ => by_raw.extend(by_channels.iter().zip(raw).map(|(by, raw)| by * logistic(*raw))),
+            _ => by_raw.extend(by_channels.iter().zip(raw).map(|(by, raw)| by * sigmoid(*raw))),
         }
     }
 }

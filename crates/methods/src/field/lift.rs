@@ -6,9 +6,10 @@
 //! colours and weights. The networks are tables of straight pieces
 //! ([`crate::networks::relu_line`]): a value is a search, not a sum over the units.
 
-use crate::networks::relu_line::{LineTable, LineValue, ReluLine};
+use luxel_core::{sigmoid, softplus};
 
-use crate::field::raw::{ColoredSamples, RAW, logistic, softplus};
+use crate::field::raw::{ColoredSamples, RAW};
+use crate::networks::relu_line::{LineTable, LineValue, ReluLine};
 
 /// Hidden units of a network of one channel, of the lift and of the tone mapper.
 pub(crate) const UNITS: usize = 128;
@@ -39,7 +40,7 @@ impl Lifts {
         let samples = raw.as_chunks::<RAW>().0.iter().zip(pieces.as_chunks_mut::<RAW>().0);
         for ((raw, pieces), channels) in samples.zip(channels.as_chunks_mut::<CHANNELS>().0) {
             for c in 0..RAW {
-                let value = logistic(raw[c]);
+                let value = sigmoid(raw[c]);
                 let (table, at) = (&self.tables[c], f64::from(value));
                 pieces[c] = table.piece(at);
                 let [x, r, y] = outputs(table, pieces[c], at).map(|output| output.value as f32);

@@ -8,13 +8,13 @@
 use std::ops::Range;
 
 use fearless_simd::Simd;
+use luxel_lanes::{LANES, Lanes};
 
 use crate::field::grid::Grid;
 use crate::field::head::{ColorHead, Head};
 use crate::field::raw::RAW;
 use crate::field::trunk::{FieldNetwork, Parameters, Trunk, TrunkRoom};
 use crate::networks::{Activations, Network};
-use crate::networks::{LANES, Lanes, resize};
 
 /// Largest ln density: the exponential and its gradient stay in range.
 pub(crate) const MAX_LOG_DENSITY: f32 = 15.0;
@@ -227,7 +227,7 @@ pub(crate) fn from_blocks(blocks: &[Lanes], samples: usize, by_sample: &mut Vec<
 /// Writes positions into blocks, the rest of the last of which is 0.
 pub(crate) fn position_blocks(positions: &[[f32; 3]], blocks: &mut Vec<Lanes>) {
     blocks.clear();
-    resize(blocks, 3 * positions.len().div_ceil(LANES));
+    blocks.resize(3 * positions.len().div_ceil(LANES), Lanes::ZERO);
     for (i, position) in positions.iter().enumerate() {
         for axis in 0..3 {
             blocks[3 * (i / LANES) + axis].0[i % LANES] = position[axis];

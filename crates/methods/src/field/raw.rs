@@ -1,4 +1,4 @@
-//! Raw colours of samples, and the functions that make colours of them.
+//! Raw colours of samples.
 
 /// Raw colours of a sample.
 pub(crate) const RAW: usize = 3;
@@ -14,16 +14,4 @@ pub(crate) struct ColoredSamples<'a> {
     pub(crate) channels: &'a [f32],
     /// Gradient by the channels, of their shape.
     pub(crate) by_channels: &'a [f32],
-}
-
-/// Returns ln(1 + e^x).
-#[inline]
-pub(crate) fn softplus(x: f32) -> f32 {
-    x.max(0.0) + (-x.abs()).exp().ln_1p()
-}
-
-/// Returns the derivative of [`softplus`]: 1 / (1 + e^-x).
-#[inline]
-pub(crate) fn logistic(x: f32) -> f32 {
-    (1.0 + (-x).exp()).recip()
 }

@@ -5,13 +5,13 @@
 //! falls below [`MIN_TRANSMITTANCE`]. Degenerate: a ray past everything has no samples.
 
 use fearless_simd::Simd;
+use luxel_lanes::Lanes;
 
 use crate::field::head::MAX_CHANNELS;
 use crate::field::march::{Interval, March, Spacing};
 use crate::field::networks::{Room, Samples, position_blocks};
 use crate::field::radiance_field::Field;
 use crate::field::space::Ray;
-use crate::networks::Lanes;
 
 /// Transmittance at which a ray ends.
 pub(crate) const MIN_TRANSMITTANCE: f32 = 1e-4;

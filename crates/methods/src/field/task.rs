@@ -5,6 +5,7 @@
 //! Degenerate: a part without rays has no samples and no gradient.
 
 use fearless_simd::Simd;
+use luxel_lanes::Lanes;
 
 use crate::field::compare::{CompareRoom, Comparison};
 use crate::field::head::MAX_CHANNELS;
@@ -15,7 +16,6 @@ use crate::field::radiance_field::Field;
 use crate::field::raw::ColoredSamples;
 use crate::field::sampling::{Sampling, TrainingRay};
 use crate::field::volume::{Composited, Intervals, composite};
-use crate::networks::Lanes;
 
 /// Parts of a step.
 pub(crate) const TASKS: usize = 64;

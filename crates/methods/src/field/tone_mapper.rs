@@ -9,14 +9,14 @@
 
 use fearless_simd::Simd;
 use luxel_core::response::exposure_of_knot;
-use luxel_core::{Knots, RESPONSE_KNOTS};
+use luxel_core::{Knots, RESPONSE_KNOTS, sigmoid};
+use luxel_lanes::LANES;
 
 use crate::field::adam::{Moving, Rate};
 use crate::field::head::{ColorHead, Head, fill_inputs};
 use crate::field::radiance_field::Field;
-use crate::field::raw::{RAW, logistic};
+use crate::field::raw::RAW;
 use crate::networks::Activations;
-use crate::networks::LANES;
 
 /// Normalised radiance that black counts as.
 const DARKEST: f32 = 1e-12;
@@ -55,7 +55,7 @@ impl Head {
             fill_inputs(network, inputs, room);
             network.forward(simd, &weights[c * network.len()..][..network.len()], room);
             for ray in 0..log_exposures.len() {
-                values[RAW * ray + c] = logistic(room.outputs()[ray / LANES].0[ray % LANES]);
+                values[RAW * ray + c] = sigmoid(room.outputs()[ray / LANES].0[ray % LANES]);
             }
         }
     }

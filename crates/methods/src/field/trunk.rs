@@ -10,12 +10,12 @@ use std::ops::RangeInclusive;
 
 use fearless_simd::Simd;
 use luxel_core::sh;
+use luxel_lanes::{LANES, Lanes};
 use serde::{Deserialize, Serialize};
 
 use crate::field::frequencies;
 use crate::field::grid::{Grid, GridShape};
 use crate::networks::{Activations, Network};
-use crate::networks::{LANES, Lanes};
 
 /// Units of a hidden layer on a grid.
 const HIDDEN: usize = 32;

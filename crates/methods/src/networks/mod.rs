@@ -2,9 +2,7 @@
 //! of anchors, and networks of one input as tables, shared by fields and by the second colours of
 //! splats. Gradients are exact and written by hand; sums have one fixed order.
 
-mod lanes;
 mod network;
 pub(crate) mod relu_line;
 
-pub(crate) use self::lanes::{LANES, Lanes, resize};
 pub(crate) use self::network::{Activations, Network};

@@ -8,9 +8,9 @@
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
-
-use super::lanes::{Lanes, resize, sum};
 use luxel_core::random;
+use luxel_lanes::Lanes;
+use luxel_lanes::sums::sum;
 
 /// The sizes of a network's layers, inputs first.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,8 +68,8 @@ impl Network {
         room.layers.resize_with(self.sizes.len(), Vec::new);
         room.gradients.resize_with(self.sizes.len(), Vec::new);
         for (k, size) in self.sizes.iter().enumerate() {
-            resize(&mut room.layers[k], blocks * size);
-            resize(&mut room.gradients[k], blocks * size);
+            room.layers[k].resize(blocks * size, Lanes::ZERO);
+            room.gradients[k].resize(blocks * size, Lanes::ZERO);
         }
         &mut room.layers[0]
     }
@@ -250,7 +250,7 @@ impl Layer<'_> {
             for by_y in by_y.chunks_exact(self.outputs) {
                 total += by_y[j].load(simd);
             }
-            *bias += sum(total);
+            *bias += sum(total.to_array());
         }
     }
 
@@ -280,7 +280,7 @@ impl Layer<'_> {
         }
         for r in 0..I {
             for c in 0..J {
-                matrix[(i + r) * self.outputs + j + c] += sum(sums[r][c]);
+                matrix[(i + r) * self.outputs + j + c] += sum(sums[r][c].to_array());
             }
         }
     }

@@ -63,27 +63,27 @@ pub(super) fn of_points<T: Send>(
 }
 
 /// A place in a view where a point is seen.
-struct Seen {
+struct PointInView {
     view: usize,
     at_px: DVec2,
 }
 
-fn track<'a>(point: &'a Point, train: &'a [View]) -> impl Iterator<Item = Seen> + 'a {
+fn track<'a>(point: &'a Point, train: &'a [View]) -> impl Iterator<Item = PointInView> + 'a {
     let inside = point.observations.iter().filter(|seen| (seen.view as usize) < train.len());
-    inside.map(|seen| Seen { view: seen.view as usize, at_px: DVec2::new(seen.pixel_px[0].into(), seen.pixel_px[1].into()) })
+    inside.map(|seen| PointInView { view: seen.view as usize, at_px: DVec2::new(seen.pixel_px[0].into(), seen.pixel_px[1].into()) })
 }
 
 /// Returns the places in the views that a point projects into: all of them, or [`MAX_VIEWS`] that
 /// are spread evenly.
-fn projections(point: &Point, train: &[View]) -> Vec<Seen> {
+fn projections(point: &Point, train: &[View]) -> Vec<PointInView> {
     let at = DVec3::from_array(point.position.map(f64::from));
     let inside = |(view, of): (usize, &View)| {
         let (at_px, _) = of.camera.project(at)?;
         let [width, height] = of.camera.size_px.map(f64::from);
         let is_inside = at_px.x >= 0.0 && at_px.y >= 0.0 && at_px.x <= width && at_px.y <= height;
-        is_inside.then_some(Seen { view, at_px })
+        is_inside.then_some(PointInView { view, at_px })
     };
-    let all: Vec<Seen> = train.iter().enumerate().filter_map(inside).collect();
+    let all: Vec<PointInView> = train.iter().enumerate().filter_map(inside).collect();
     let count = all.len();
     // The multiples of count / MAX_VIEWS, rounded down, are where this product passes a whole
     // number.
@@ -104,7 +104,7 @@ fn streamed(points: &[Point], views: StartViews<'_>, places: &Places<'_>) -> Res
     Ok(colors)
 }
 
-type Places<'a> = dyn Fn(&Point) -> Vec<Seen> + Sync + 'a;
+type Places<'a> = dyn Fn(&Point) -> Vec<PointInView> + Sync + 'a;
 
 /// The first of some points, and where each view shows them.
 struct Part {
@@ -120,7 +120,7 @@ impl Part {
         let mut by_view: Vec<Vec<(usize, DVec2)>> = train.iter().map(|_| Vec::new()).collect();
         let (mut count, mut taken) = (0, 0);
         for block in points.chunks(BLOCK) {
-            let seen: Vec<Vec<Seen>> = block.par_iter().map(places).collect();
+            let seen: Vec<Vec<PointInView>> = block.par_iter().map(places).collect();
             for (point, seen) in (taken..).zip(seen) {
                 count += seen.len();
                 seen.into_iter().for_each(|seen| by_view[seen.view].push((point, seen.at_px)));

@@ -7,10 +7,10 @@
 //! training cameras say it does, which the given test poses cannot know.
 
 use glam::DVec3;
-use luxel_core::engine::{AdamBetas, CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
+use luxel_core::engine::{AdamBetas, CameraGradientChoice, LearningRates, NumberAdam, StatsCollection, StepConfig};
 use luxel_core::{Camera, CameraMotion, Engine, EngineError, Knots, LossWeights, RadianceScale, RenderOptions, Target, ToneCurve, View};
 
-use super::{angle_of_pixel, correction, decay};
+use super::{angle_of_pixel, decay};
 use crate::recorded::curve;
 
 /// Steps of an alignment.
@@ -82,12 +82,11 @@ pub fn align_camera(engine: &mut dyn Engine, view: &View, scene: &AlignmentScene
         }
         let Some(gradient) = report.camera.filter(|gradient| gradient.is_finite() && report.loss.is_finite()) else { break };
         let rate = RATE_PX * decay(f64::from(number - 1) / f64::from(ALIGNMENT_STEPS));
-        let corrections = BETAS.map(|beta| correction(beta, number));
+        let adam = NumberAdam::new(BETAS, [number; 2], EPSILON);
         let moves: [f64; 6] = std::array::from_fn(|i| {
             let by_px = units[i] * if i < 3 { gradient.rotation[i] } else { gradient.translation[i - 3] };
-            first[i] = BETAS[0] * first[i] + (1.0 - BETAS[0]) * by_px;
-            second[i] = BETAS[1] * second[i] + (1.0 - BETAS[1]) * by_px * by_px;
-            -rate * units[i] * (first[i] / corrections[0]) / ((second[i] / corrections[1]).sqrt() + EPSILON)
+            let moved = adam.update(&mut first[i], &mut second[i], by_px);
+            -rate * units[i] * moved.mean / moved.deviation
         });
         let [rx, ry, rz, tx, ty, tz] = moves;
         motion = motion.then(DVec3::new(rx, ry, rz), DVec3::new(tx, ty, tz));

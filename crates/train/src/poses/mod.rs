@@ -24,7 +24,7 @@ mod gauge;
 pub use align::{ALIGNMENT_STEPS, AlignmentScene, align_camera};
 
 use glam::DVec3;
-use luxel_core::engine::CameraGradient;
+use luxel_core::engine::{CameraGradient, NumberAdam};
 use luxel_core::{Camera, CameraMotion};
 use serde::{Deserialize, Serialize};
 
@@ -33,8 +33,7 @@ use crate::TrainError;
 use crate::lenses::groups_by_lens;
 
 /// Decay rates of the moments.
-const BETA1: f64 = 0.9;
-const BETA2: f64 = 0.999;
+const BETAS: [f64; 2] = [0.9, 0.999];
 /// Epsilon of Adam, far below typical gradients per pixel.
 const EPSILON: f64 = 1e-12;
 /// Distance that the default rate can move an image in the course of a run, pixels.
@@ -161,11 +160,9 @@ impl Corrections {
         let by_px: [f64; DOF] = std::array::from_fn(|i| units[i] * if i < 3 { gradient.rotation[i] } else { gradient.translation[i - 3] });
         let (Some(first), Some(visits)) = (self.first.get_mut(index), self.visits.get_mut(index)) else { return };
         *visits = visits.saturating_add(1);
-        let corrections = [correction(BETA1, *visits), correction(BETA2, self.updates)];
-        let step: [f64; DOF] = std::array::from_fn(|i| {
-            let adam = moved(&mut first[i], &mut self.second[i], by_px[i], corrections);
-            -rate_px * units[i] * adam
-        });
+        let adam = NumberAdam::new(BETAS, [*visits, self.updates], EPSILON);
+        let step: [f64; DOF] =
+            std::array::from_fn(|i| -rate_px * units[i] * adam.update(&mut first[i], &mut self.second[i], by_px[i]).at_rate_1());
         if let Some(motion) = self.motions.get_mut(index) {
             let [rx, ry, rz, tx, ty, tz] = step;
             *motion = motion.then(DVec3::new(rx, ry, rz), DVec3::new(tx, ty, tz));
@@ -221,22 +218,10 @@ impl Focal {
         self.updates = self.updates.saturating_add(1);
         let by_log = (0..2).map(|i| camera.focal_px[i] * self.log_factor.exp() * gradient.focal_px[i]).sum::<f64>();
         let unit = 2.0 / f64::from(camera.size_px[0].max(camera.size_px[1]).max(1));
-        let corrections = [correction(BETA1, self.updates), correction(BETA2, self.updates)];
-        let adam = moved(&mut self.first, &mut self.second, unit * by_log, corrections);
-        self.log_factor = (self.log_factor - rate_px * unit * adam).clamp(-MAX_LOG_FOCAL, MAX_LOG_FOCAL);
+        let adam = NumberAdam::new(BETAS, [self.updates; 2], EPSILON);
+        let moved = adam.update(&mut self.first, &mut self.second, unit * by_log).at_rate_1();
+        self.log_factor = (self.log_factor - rate_px * unit * moved).clamp(-MAX_LOG_FOCAL, MAX_LOG_FOCAL);
     }
-}
-
-/// Returns Adam's bias correction after `updates`.
-fn correction(beta: f64, updates: u32) -> f64 {
-    1.0 - beta.powf(f64::from(updates))
-}
-
-/// Updates moments by a gradient, and returns Adam's step at rate 1.
-fn moved(first: &mut f64, second: &mut f64, gradient: f64, corrections: [f64; 2]) -> f64 {
-    *first = BETA1 * *first + (1.0 - BETA1) * gradient;
-    *second = BETA2 * *second + (1.0 - BETA2) * gradient * gradient;
-    (*first / corrections[0]) / ((*second / corrections[1]).sqrt() + EPSILON)
 }
 
 impl Poses {

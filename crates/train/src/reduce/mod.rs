@@ -132,7 +132,7 @@ pub(crate) fn lost(what: &str) -> TrainError {
 
 #[cfg(test)]
 mod tests {
-    use luxel_core::{Alone, ColorModel};
+    use luxel_core::{ColorModel, SingleProcess};
 
     use super::*;
     use crate::testing::on_ranks;
@@ -168,7 +168,7 @@ mod tests {
     fn a_sum_has_the_same_bits_for_any_number_of_ranks() {
         for batch in [1, 2, 3, 4, 6, 7] {
             let all: Vec<SparseGradients> = (0..batch).map(of_slot).collect();
-            let alone = mean(&mut Alone, Slots { batch, ranks: 1 }, &all);
+            let alone = mean(&mut SingleProcess, Slots { batch, ranks: 1 }, &all);
             for ranks in [2, 3, 5] {
                 let slots = Slots { batch, ranks };
                 let sums = on_ranks(ranks, |mut exchange| {
@@ -187,7 +187,7 @@ mod tests {
     fn the_tree_adds_pairs_first() {
         let value = |slot: usize| of_slot(slot).values_of(4).map(|values| values[5]).unwrap_or(0.0);
         let all: Vec<SparseGradients> = (0..5).map(of_slot).collect();
-        let mean = mean(&mut Alone, Slots { batch: 5, ranks: 1 }, &all);
+        let mean = mean(&mut SingleProcess, Slots { batch: 5, ranks: 1 }, &all);
         let expected = ((value(0) + value(1)) + (value(2) + value(3))) + value(4);
         assert_eq!(mean.values_of(4).unwrap()[5], expected * 0.2);
         // Statistics are summed.

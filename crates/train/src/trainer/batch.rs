@@ -14,7 +14,7 @@ use luxel_core::{Exchange, StepReport, View};
 use luxel_metrics::{log_gain, log_gain_of_view};
 
 use super::Trainer;
-use super::vignetting::Seen;
+use super::vignetting::VignettedView;
 use crate::TrainError;
 use crate::camera_response::exposure_of;
 use crate::config::{BatchRule, TrainConfig};
@@ -52,7 +52,8 @@ fn aim(view: &mut View, state: &State, lenses: Option<&Lenses>, seen: SeenAs) {
     if let Some(response) = &state.response {
         view.target.curve = curve(view, &response.knots(), state.radiance_scale, gain).unwrap_or(view.target.curve);
     }
-    view.target.vignetting = lenses.and_then(|lenses| state.vignetting_of(lenses, Seen { step, index, reduction, camera: &view.camera }));
+    view.target.vignetting =
+        lenses.and_then(|lenses| state.vignetting_of(lenses, VignettedView { step, index, reduction, camera: &view.camera }));
 }
 
 /// How a step sees a view.
@@ -176,7 +177,7 @@ impl Trainer {
         let reduction = self.views.factor(step);
         let Some(view) = self.views.part_at(step, index, gain, crop)? else { return Ok(None) };
         let mut render = self.engine.render(&view.camera, &options)?;
-        let seen = Seen { step, index, reduction, camera: &view.camera };
+        let seen = VignettedView { step, index, reduction, camera: &view.camera };
         if let Some(vignetting) = self.lenses.as_ref().and_then(|lenses| self.state.vignetting_of(lenses, seen)) {
             vignetting.apply(&mut render);
         }

@@ -4,7 +4,7 @@
 //! the scene. Degenerate: views or states that cannot be trained are errors.
 
 use luxel_core::engine::ParameterRows;
-use luxel_core::{Alone, Antialias, CameraProjection, Dataset, Engine, EngineError, Remedy, Scene, Snapshot, View, spatial_order};
+use luxel_core::{Antialias, CameraProjection, Dataset, Engine, EngineError, Remedy, Scene, SingleProcess, Snapshot, View, spatial_order};
 
 use super::health::Visibility;
 use super::scene_start::{check_scene, start_of_scene, with_raster};
@@ -169,7 +169,7 @@ impl Trainer {
             lenses,
             method,
             validation,
-            exchange: Box::new(Alone),
+            exchange: Box::new(SingleProcess),
             batch_mean: BatchMean::new(ParameterRows { color_model }),
             step_views: Vec::new(),
             wants_to_stop: false,

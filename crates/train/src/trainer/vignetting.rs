@@ -11,7 +11,7 @@ use crate::state::State;
 use crate::vignetting::{LensVignetting, Lenses};
 
 /// A view as a step sees it.
-pub(super) struct Seen<'a> {
+pub(super) struct VignettedView<'a> {
     pub(super) step: u32,
     /// Number of the view.
     pub(super) index: usize,
@@ -23,7 +23,11 @@ pub(super) struct Seen<'a> {
 
 impl State {
     /// Returns the vignetting of a view, if it is optimised and there is any yet.
-    pub(super) fn vignetting_of(&self, lenses: &Lenses, Seen { step, index, reduction, camera }: Seen<'_>) -> Option<Vignetting> {
+    pub(super) fn vignetting_of(
+        &self,
+        lenses: &Lenses,
+        VignettedView { step, index, reduction, camera }: VignettedView<'_>,
+    ) -> Option<Vignetting> {
         self.vignetting.as_ref()?.of_view(lenses, index, camera, reduction, self.progress(step))
     }
 

@@ -18,7 +18,7 @@
 
 mod frame;
 
-use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2};
+use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, NumberAdam};
 use luxel_core::{Camera, CameraProjection, Dataset, VIGNETTING_TERMS, View, Vignetting};
 use serde::{Deserialize, Serialize};
 
@@ -164,13 +164,10 @@ impl Vignettings {
         }
         state.updates = state.updates.saturating_add(1);
         let rate = RATES[0] * (RATES[1] / RATES[0]).powf(progress.clamp(0.0, 1.0));
-        let betas = [f64::from(ADAM_BETA1), f64::from(ADAM_BETA2)];
-        let corrections = betas.map(|beta| 1.0 - beta.powf(f64::from(state.updates)));
+        let adam = NumberAdam::new([ADAM_BETA1, ADAM_BETA2].map(f64::from), [state.updates; 2], EPSILON);
         for (k, by) in frame.gradient(by_log_gain).into_iter().enumerate() {
-            state.first[k] = betas[0] * state.first[k] + (1.0 - betas[0]) * by;
-            state.second[k] = betas[1] * state.second[k] + (1.0 - betas[1]) * by * by;
-            let step = (state.first[k] / corrections[0]) / ((state.second[k] / corrections[1]).sqrt() + EPSILON);
-            state.weights[k] = (state.weights[k] - rate * step).clamp(-MAX_WEIGHT, MAX_WEIGHT);
+            let moved = adam.update(&mut state.first[k], &mut state.second[k], by);
+            state.weights[k] = (state.weights[k] - rate * moved.at_rate_1()).clamp(-MAX_WEIGHT, MAX_WEIGHT);
         }
     }
 

@@ -10,7 +10,7 @@ use crate::output::console::Console;
 pub(super) fn run(args: &BenchArgs, console: &Console) -> Result<()> {
     use anyhow::{Context, bail};
     use luxel::Device;
-    use luxel::bench::Protocol;
+    use luxel_app::bench::Protocol;
     use luxel_app::schema;
     use luxel_gpu::{DeviceChoice, Gpu, GpuEngine};
     use luxel_train::NamedChoice;

@@ -6,7 +6,7 @@ mod workload;
 
 use anyhow::Result;
 use luxel::SelectedEngine;
-use luxel::bench::{Protocol, measure};
+use luxel_app::bench::{Protocol, measure};
 use luxel_app::process;
 use luxel_train::NamedChoice;
 use report::{PassMedian, Report, Spread};

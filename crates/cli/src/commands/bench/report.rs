@@ -1,7 +1,6 @@
 //! The measurement as JSON for programs and as a table for people.
 
-use luxel::text;
-use luxel_app::schema;
+use luxel_app::{schema, text};
 use luxel_core::Pass;
 use luxel_core::engine::Evaluations;
 use serde::{Serialize, Serializer};

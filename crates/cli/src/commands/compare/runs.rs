@@ -6,9 +6,8 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use luxel::compare::{CompareOptions, ImageMetrics, MeanMetrics};
-use luxel::text;
 use luxel_app::compare::{ComparedRun, RunComparison, compare_runs};
-use luxel_app::{files, output, schema};
+use luxel_app::{files, output, schema, text};
 
 use crate::args::CompareArgs;
 use crate::output::console::Console;

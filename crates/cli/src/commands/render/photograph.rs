@@ -2,8 +2,8 @@
 
 use anyhow::{Context, Result, bail};
 use luxel::photograph::{Aperture, Photograph, Quality, Sampling, ShutterMotion, TOLERANCE, Taken};
-use luxel::pick::surface_distance;
-use luxel::text;
+use luxel_app::pick::surface_distance;
+use luxel_app::text;
 use luxel_core::{Camera, Engine, Layers, RenderOptions, Scene};
 
 use super::shots::{Shot, Shots};

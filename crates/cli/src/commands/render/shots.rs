@@ -7,9 +7,10 @@ use luxel::camera_path::{Resized, camera_path, resized};
 use luxel::edit::{mask_names, needs_dataset};
 use luxel::export::Up;
 use luxel::lens::{Lens, LensKind, pose_at, stereo_pair};
-use luxel::stage::{Stage, is_usd_file};
-use luxel::{files, output, text};
+use luxel::output;
 use luxel_app::run::ExplicitArgs;
+use luxel_app::usd_space::{UsdSpace, is_usd_file};
+use luxel_app::{files, text};
 use luxel_core::{Camera, CameraProjection, Dataset, Scene};
 use luxel_io::{PathCamera, StageChoice, StageMotion};
 
@@ -62,7 +63,7 @@ pub(super) struct Shots {
     /// Images of each frame: 2 for both eyes, else 1.
     pub(super) images_per_frame: usize,
     /// The stage that cameras are written for: that of the scene, upright as its data set is.
-    pub(super) stage: Option<Stage>,
+    pub(super) stage: Option<UsdSpace>,
 }
 
 impl Shots {
@@ -158,8 +159,8 @@ fn named(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, cons
 }
 
 /// Returns the stage of a scene.
-fn stage(source: &SceneSource, dataset: Option<&Dataset>) -> Result<Stage> {
-    Ok(Stage::new(source.scene.metres_per_unit, Up::Default, dataset)?)
+fn stage(source: &SceneSource, dataset: Option<&Dataset>) -> Result<UsdSpace> {
+    Ok(UsdSpace::new(source.scene.metres_per_unit, Up::Default, dataset)?)
 }
 
 /// Returns the cameras of an OpenUSD file.

@@ -14,8 +14,8 @@ use std::process::{ChildStdin, Command, Stdio};
 
 use anyhow::{Context, Result, anyhow, bail};
 use luxel::preview::{self, Curve};
-use luxel::text;
 use luxel_app::output::{self, Recipe};
+use luxel_app::text;
 use luxel_core::tone::{REFERENCE_WHITE_NITS, display_rgb8, pq_encode, rec709_of};
 use luxel_core::{ColorSpace, Conversion, Image, RadianceScale};
 use luxel_io::{DisplayEncoding, ReadOptions};

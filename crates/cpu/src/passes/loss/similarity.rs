@@ -113,7 +113,7 @@ fn differentiate_row<S: Simd>(simd: S, plan: &LossPlan, moments: &[Lanes], windo
             }
         }
     }
-    total.lanes().iter().map(|v| f64::from(*v)).sum()
+    total.sum_f64()
 }
 
 /// Convolves a row's derivatives along it, and writes them to row `j` of their stacks.

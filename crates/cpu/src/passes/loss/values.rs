@@ -109,7 +109,7 @@ pub(super) fn load_values<S: Simd>(
                 }
             }
         }
-        let [absolute, squared] = each!([0, 1] k => sums[k].lanes().iter().map(|v| f64::from(*v)).sum::<f64>());
+        let [absolute, squared] = each!([0, 1] k => sums[k].sum_f64());
         total.absolute += absolute;
         total.squared += squared;
     }

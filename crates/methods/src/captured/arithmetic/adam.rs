@@ -3,7 +3,7 @@
 //! In: numbers, gradient, rate. Out: the numbers after a step, with the constants of the splats'
 //! own updates. Arithmetic is in f64, number by number.
 
-use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON};
+use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, NumberAdam};
 use luxel_lanes::Level;
 use serde::{Deserialize, Serialize};
 
@@ -38,9 +38,9 @@ impl Adam {
     /// Updates the numbers.
     pub(crate) fn step<G: Copy + Into<f64>>(&mut self, numbers: &mut [f32], gradient: &[G], rate: f64) {
         self.updates = self.updates.saturating_add(1);
-        let (beta1, beta2) = (f64::from(ADAM_BETA1), f64::from(ADAM_BETA2));
-        let power = |beta: f64| 1.0 - beta.powf(f64::from(self.updates));
-        let step = Step { rate, correction1: power(beta1), correction2: power(beta2) };
+        let betas = [ADAM_BETA1, ADAM_BETA2].map(f64::from);
+        let adam = NumberAdam::new(betas, [self.updates; 2], ADAM_EPSILON.into());
+        let step = Step { rate, adam };
         // Arithmetic is by elements: the same on every instruction set.
         luxel_lanes::dispatch!(Level::best(), _simd => step.apply(numbers, gradient, &mut self.first, &mut self.second));
     }
@@ -64,21 +64,15 @@ impl Adam {
 /// The constants of a step.
 struct Step {
     rate: f64,
-    correction1: f64,
-    correction2: f64,
+    adam: NumberAdam,
 }
 
 impl Step {
     #[inline(always)]
     fn apply<G: Copy + Into<f64>>(&self, numbers: &mut [f32], gradient: &[G], first: &mut [f32], second: &mut [f32]) {
-        let (beta1, beta2) = (f64::from(ADAM_BETA1), f64::from(ADAM_BETA2));
         for (((number, gradient), first), second) in numbers.iter_mut().zip(gradient).zip(first).zip(second) {
-            let gradient: f64 = (*gradient).into();
-            let m = beta1 * f64::from(*first) + (1.0 - beta1) * gradient;
-            let v = beta2 * f64::from(*second) + (1.0 - beta2) * gradient * gradient;
-            (*first, *second) = (m as f32, v as f32);
-            let step = self.rate * (m / self.correction1) / ((v / self.correction2).sqrt() + f64::from(ADAM_EPSILON));
-            *number = (f64::from(*number) - step) as f32;
+            let moved = self.adam.update_f32(first, second, (*gradient).into());
+            *number = (f64::from(*number) - self.rate * moved.mean / moved.deviation) as f32;
         }
     }
 }

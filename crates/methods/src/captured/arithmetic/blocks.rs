@@ -3,9 +3,8 @@
 //!
 //! In and out: planes `[R, N]`. Degenerate: items behind the last one are 0.
 
+use luxel_lanes::LANES;
 use rayon::prelude::*;
-
-use super::functions::LANES;
 
 /// `R` numbers of sixteen items.
 pub(crate) type Block<const R: usize> = [[f32; LANES]; R];

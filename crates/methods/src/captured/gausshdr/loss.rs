@@ -13,11 +13,12 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
 use luxel_core::engine::ChannelLoss;
 use luxel_core::{LossWeights, View};
-use luxel_lanes::Level;
+use luxel_lanes::functions::ln;
+use luxel_lanes::sums::sum_in_order;
+use luxel_lanes::{LANES, Level};
 use rayon::prelude::*;
 
 use super::tone::{LEAST_UNCERTAINTY, local_value};
-use crate::captured::arithmetic::functions::{LANES, ln};
 use crate::captured::images::image_loss::{Compared, ComparedOut, Comparison, compare};
 use crate::captured::images::radiance_loss::planes_of;
 
@@ -137,7 +138,7 @@ impl UncertaintyLoss<'_> {
             let u = raw.max(least);
             let inverse = c(1.0) / u;
             let share = d * inverse * inverse;
-            sum += f64::from((factor * half * (share + ln(simd, u))).to_array().iter().sum::<f32>());
+            sum += f64::from(sum_in_order((factor * half * (share + ln(u))).to_array()));
             let by = factor * inverse * (half - share);
             let by = raw.simd_ge(least).select(by, c(0.0)).to_array();
             by_u[first..first + len].copy_from_slice(&by[..len]);

@@ -22,12 +22,14 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
 use luxel_core::engine::{ChannelLoss, ChannelRoles, ChannelSource, ChannelStep, MeasuredChannels, SeenSplats};
 use luxel_core::{LossWeights, View};
+use luxel_lanes::LANES;
+use luxel_lanes::functions::ln;
 use rayon::prelude::*;
 
 use self::loss::{GaussImages, compare_images};
 use self::tone::{FEATURES, GaussTone, Items, OUTPUTS, Values, local_value};
 use crate::captured::arithmetic::blocks::{CHUNK, from_planes, to_planes};
-use crate::captured::arithmetic::functions::{Elementwise, LANES, LnAbove, ln, map_all};
+use crate::captured::arithmetic::elementwise::{Elementwise, LnAbove, map_all};
 
 /// Exposure that is added before the logarithm of a pixel's.
 const BLACK: f32 = 1e-5;
@@ -85,7 +87,7 @@ impl Elementwise for LnExposure {
     #[inline(always)]
     fn apply<S: Simd>(&self, simd: S, x: f32x16<S>) -> f32x16<S> {
         let c = |value: f32| f32x16::splat(simd, value);
-        ln(simd, x.max(c(0.0)).mul_add(c(self.exposure), c(BLACK)))
+        ln(x.max(c(0.0)).mul_add(c(self.exposure), c(BLACK)))
     }
 }
 

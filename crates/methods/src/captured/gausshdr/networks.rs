@@ -7,12 +7,12 @@
 use luxel_core::engine::PlanRow;
 use luxel_core::response::exposure_of_knot;
 use luxel_core::{Knots, RESPONSE_KNOTS};
+use luxel_lanes::LANES;
 use luxel_train::{TrainConfig, TrainError};
 use serde::{Deserialize, Serialize};
 
 use super::tone::{FEATURES, GaussTone, Items};
 use crate::captured::arithmetic::adam::Adam;
-use crate::captured::arithmetic::functions::LANES;
 
 /// Exposure that black counts as in the response.
 const DARKEST: f64 = 1e-5;

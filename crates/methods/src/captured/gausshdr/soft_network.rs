@@ -9,11 +9,10 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
 use luxel_core::each;
+use luxel_lanes::LANES;
 use luxel_train::TrainError;
 use rand::Rng;
 use serde::{Deserialize, Serialize};
-
-use crate::captured::arithmetic::functions::LANES;
 
 /// Hidden units.
 pub(super) const UNITS: usize = 64;

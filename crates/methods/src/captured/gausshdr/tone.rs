@@ -9,7 +9,8 @@
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
-use luxel_lanes::Level;
+use luxel_lanes::functions::{exp, sigmoid, softplus};
+use luxel_lanes::{LANES, Level};
 use luxel_train::TrainError;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -19,7 +20,6 @@ use serde::{Deserialize, Serialize};
 use super::soft_network::{Pair, SoftNetwork, add};
 use crate::captured::arithmetic::adam::Adam;
 use crate::captured::arithmetic::blocks::{Block, CHUNK};
-use crate::captured::arithmetic::functions::{LANES, exp, sigmoid, softplus};
 
 /// Smallest uncertainty.
 pub(super) const LEAST_UNCERTAINTY: f32 = 0.1;
@@ -106,7 +106,7 @@ pub(super) fn local_value(global: f32, shift: f32) -> (f32, bool) {
 
 /// Returns ln(1 + e^s), cut to 1: the curve that global networks begin with.
 fn first_curve(s: f32) -> f32 {
-    (s.max(0.0) + (-s.abs()).exp().ln_1p()).min(1.0)
+    luxel_core::softplus(s).min(1.0)
 }
 
 impl GaussTone {
@@ -171,9 +171,9 @@ impl GaussTone {
                 let global = self.global[c].apply(simd, &[[items[0][c]], [items[1][c]]]);
                 let local = self.local[c].apply(simd, &with_feature(&items, c));
                 for (b, values) in values.iter_mut().enumerate() {
-                    sigmoid(simd, global[b]).store_array(&mut values[c]);
-                    sigmoid(simd, local[b]).store_array(&mut values[3 + c]);
-                    softplus(simd, uncertainty[b][c]).max(f32x16::splat(simd, LEAST_UNCERTAINTY)).store_array(&mut values[6 + c]);
+                    sigmoid(global[b]).store_array(&mut values[c]);
+                    sigmoid(local[b]).store_array(&mut values[3 + c]);
+                    softplus(uncertainty[b][c]).max(f32x16::splat(simd, LEAST_UNCERTAINTY)).store_array(&mut values[6 + c]);
                 }
             }
         }
@@ -308,7 +308,7 @@ fn differentiate_outputs<S: Simd>(simd: S, values: &Values, by_value: &Values, o
             value * (one - value)
         } else {
             // The logistic of the output is 1 - e^-softplus.
-            value.simd_gt(least).select(one - exp(simd, -value), zero)
+            value.simd_gt(least).select(one - exp(-value), zero)
         };
         (by * slope).store_array(out);
     }

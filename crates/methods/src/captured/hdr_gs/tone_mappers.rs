@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::captured::arithmetic::adam::Adam;
 use crate::captured::arithmetic::color_map::{ColorMap, LinePlace};
-use crate::captured::arithmetic::functions::{LnAbove, Sigmoid, map_all};
+use crate::captured::arithmetic::elementwise::{LnAbove, Sigmoid, map_all};
 use crate::networks::relu_line::{LineSums, LineTable, ReluLine};
 
 /// Radiance that black counts as, far below every cut-off.

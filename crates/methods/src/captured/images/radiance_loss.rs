@@ -11,11 +11,12 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
 use luxel_core::View;
-use luxel_lanes::Level;
+use luxel_lanes::functions::ln_1p_by_ratio;
+use luxel_lanes::{LANES, Level};
 use luxel_train::HdrNormalisation;
 use rayon::prelude::*;
 
-use crate::captured::arithmetic::functions::{Elementwise, LANES, ln_1p, map_all};
+use crate::captured::arithmetic::elementwise::{Elementwise, map_all};
 
 /// How a render is compared with a view's radiance.
 #[derive(Clone, Copy)]
@@ -55,7 +56,7 @@ impl Elementwise for MuLaw {
     #[inline(always)]
     fn apply<S: Simd>(&self, simd: S, x: f32x16<S>) -> f32x16<S> {
         let argument = x.max(f32x16::splat(simd, 0.0)) * f32x16::splat(simd, self.slope);
-        ln_1p(simd, argument) * f32x16::splat(simd, self.scale)
+        ln_1p_by_ratio(argument) * f32x16::splat(simd, self.scale)
     }
 }
 

@@ -11,7 +11,9 @@
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
-use luxel_lanes::Level;
+use luxel_lanes::functions::{sigmoid, tanh};
+use luxel_lanes::sums;
+use luxel_lanes::{LANES, Level};
 use luxel_train::TrainError;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -20,7 +22,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::captured::arithmetic::adam::Adam;
 use crate::captured::arithmetic::blocks::{Block, CHUNK, from_planes, to_planes};
-use crate::captured::arithmetic::functions::{LANES, sigmoid, tanh};
 
 /// Hidden units.
 const UNITS: usize = 128;
@@ -187,7 +188,7 @@ impl Cycle {
             }
         }
         for (k, sum) in of_heads.into_iter().enumerate() {
-            by_numbers[HEAD_BIASES + k] = sum_of(sum.to_array());
+            by_numbers[HEAD_BIASES + k] = sums::sum(sum.to_array());
         }
         for first in (0..UNITS).step_by(TILE) {
             let mut sums = [[[0.0; LANES]; UNIT_SUMS]; TILE];
@@ -201,7 +202,7 @@ impl Cycle {
                         HEADS => BIASES + unit,
                         _ => (k - HEADS - 1) * UNITS + unit,
                     };
-                    by_numbers[place] = sum_of(*sum);
+                    by_numbers[place] = sums::sum(*sum);
                 }
             }
         }
@@ -268,25 +269,13 @@ impl Cycle {
 fn finish<S: Simd>(simd: S, heads: [f32x16<S>; HEADS], values: &mut Block<3>, slopes: &mut Block<HEADS>) {
     let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
     for (c, out) in values.iter_mut().enumerate() {
-        let (relu, tanh) = (heads[c], tanh(simd, heads[3 + c]));
-        let value = sigmoid(simd, relu.max(zero) + tanh);
+        let (relu, tanh) = (heads[c], tanh(heads[3 + c]));
+        let value = sigmoid(relu.max(zero) + tanh);
         let by_sum = value * (one - value);
         value.store_array(out);
         relu.simd_gt(zero).select(by_sum, zero).store_array(&mut slopes[c]);
         (by_sum * (one - tanh * tanh)).store_array(&mut slopes[3 + c]);
     }
-}
-
-/// Returns the sum of sixteen numbers.
-fn sum_of(numbers: [f32; LANES]) -> f32 {
-    let mut numbers = numbers;
-    let mut len = LANES / 2;
-    while len > 0 {
-        let (low, high) = numbers.split_at_mut(len);
-        low.iter_mut().zip(high).for_each(|(low, high)| *low += *high);
-        len /= 2;
-    }
-    numbers[0]
 }
 
 /// A chunk of pixels, the derivatives of their captured values, and the gradient by those.

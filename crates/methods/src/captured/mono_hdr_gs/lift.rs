@@ -4,6 +4,7 @@
 //! and Y are the outputs of one [`ReluLine`] of the channel at l_c. The gradient by the colours and
 //! by the networks' numbers is exact.
 
+use luxel_core::softplus;
 use luxel_train::TrainError;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -11,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::captured::arithmetic::adam::Adam;
 use crate::captured::arithmetic::color_map::{ColorMap, LinePlace};
-use crate::captured::arithmetic::functions::{Sigmoid, Softplus, map_all};
+use crate::captured::arithmetic::elementwise::{Sigmoid, Softplus, map_all};
 use crate::networks::relu_line::{LineSums, LineTable, LineValue, ReluLine};
 
 /// Outputs of a network.
@@ -94,7 +95,7 @@ impl LiftTables {
         [0, 1, 2].map(|c| {
             let (table, l) = (&self.0[c], f64::from(ldr[c]));
             let z = lifted(table, table.piece(l), l).argument;
-            (z.max(0.0) + (-z.abs()).exp().ln_1p()) as f32
+            softplus(z) as f32
         })
     }
 }

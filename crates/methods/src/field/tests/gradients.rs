@@ -1,6 +1,6 @@
 //! Exact gradients against central differences of the oracle.
 
-use luxel_lanes::Level;
+use luxel_lanes::{LANES, Lanes, Level};
 
 use super::oracle::{self, difference};
 use crate::field::PixelLoss;
@@ -9,7 +9,6 @@ use crate::field::networks::position_blocks;
 use crate::field::tests::{SMALL, assert_close, numbers, wide};
 use crate::field::volume::{Composited, Intervals, composite};
 use crate::networks::{Activations, Network};
-use crate::networks::{LANES, Lanes};
 
 fn positions(count: usize) -> Vec<[f32; 3]> {
     numbers(3, 3 * count, 0.5).chunks_exact(3).map(|p| [p[0] + 0.5, p[1] + 0.5, p[2] + 0.5]).collect()

@@ -1,7 +1,7 @@
 //! A whole step of training against the oracle, for every objective and kind of network.
 
 use luxel_core::{RadianceScale, sh};
-use luxel_lanes::Level;
+use luxel_lanes::{LANES, Level};
 
 use super::oracle::{self, difference};
 use super::{SMALL, assert_close, numbers, wide};
@@ -12,7 +12,6 @@ use crate::field::sampling::TrainingRay;
 use crate::field::space::Ray;
 use crate::field::task::{StepContext, Task, TaskRoom};
 use crate::field::{ColorHead, FieldArrays, FieldConfig, FieldNetwork, FieldShape, Objective, PixelLoss, Space};
-use crate::networks::LANES;
 
 const SHARE: f64 = 0.2;
 const DISTORTION: f64 = 0.05;

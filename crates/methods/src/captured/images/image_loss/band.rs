@@ -8,10 +8,10 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
 use luxel_core::{SQUARED_KNEE, SSIM_RADIUS, each};
+use luxel_lanes::{LANES, sums};
 
 use super::similarity::{DERIVATIVES, MEANS, similarity};
 use super::window::{Derivatives, GROUP, MarginedRow, Taps, ValuePair, derivatives_down, means_down, taps};
-use crate::captured::arithmetic::functions::LANES;
 
 /// Rows of a band: whole groups. A constant, on which sums depend.
 pub(super) const BAND: usize = 40;
@@ -77,7 +77,7 @@ impl Scratch {
 
 /// Returns the sum of sixteen numbers.
 fn sum_of<S: Simd>(lanes: f32x16<S>) -> f64 {
-    f64::from(lanes.to_array().iter().sum::<f32>())
+    f64::from(sums::sum_in_order(lanes.to_array()))
 }
 
 impl Channel<'_> {

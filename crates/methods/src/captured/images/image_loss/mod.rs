@@ -6,6 +6,10 @@
 //! engines' pass `loss`: 11 x 11 window with zero padding, weights that mix the prediction with the
 //! target. Work is divided into [`band`]s of rows of a channel, whose sums are added in order: the
 //! same bits for any number of threads. Degenerate: if all weights are 0, loss and gradient are 0.
+//!
+//! The code is not the engine's: the CPU pass has its rows in strips, adds the weights of a window
+//! in another order and divides by an estimate. The last bits differ, and with them what methods
+//! learn.
 
 mod band;
 mod similarity;

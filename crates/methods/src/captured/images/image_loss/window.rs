@@ -7,9 +7,9 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
 use luxel_core::{SSIM_RADIUS, SSIM_TAPS, each, ssim_window};
+use luxel_lanes::LANES;
 
 use super::similarity::{DERIVATIVES, MEANS};
-use crate::captured::arithmetic::functions::LANES;
 
 /// Rows whose windows are summed together: they share what is loaded.
 pub(super) const GROUP: usize = 4;

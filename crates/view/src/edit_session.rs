@@ -34,16 +34,16 @@ const MAX_UNSAVED_MASKS: usize = 100;
 const MASK_NUMBERS: std::ops::Range<u32> = 1..100_000;
 
 /// A camera of the data set, which tells what is seen.
-struct Watcher {
+struct SelectionCamera {
     name: String,
     camera: Camera,
     mask: Option<OnDemand<Mask>>,
 }
 
 /// The tools for edits of one scene.
-pub(crate) struct Workshop {
+pub(crate) struct EditSession {
     scene: Arc<Scene>,
-    watchers: Vec<Watcher>,
+    cameras: Vec<SelectionCamera>,
     folder: Option<Folder>,
     /// The folder as the user named it.
     given: PathBuf,
@@ -75,13 +75,14 @@ fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Workshop {
+impl EditSession {
     /// Returns the tools for the subject's scene, before a background in normalised units.
     pub(crate) fn new(subject: &Subject, scene: Arc<Scene>, background: [f32; 3]) -> Self {
-        let watcher = |view: &crate::subject::Shown| Watcher { name: view.name.clone(), camera: view.camera(), mask: view.mask.clone() };
+        let camera =
+            |view: &crate::subject::Shown| SelectionCamera { name: view.name.clone(), camera: view.camera(), mask: view.mask.clone() };
         Self {
             scene,
-            watchers: subject.views.iter().map(watcher).collect(),
+            cameras: subject.views.iter().map(camera).collect(),
             folder: subject.folder.clone(),
             given: subject.given_folder.clone(),
             background,
@@ -188,10 +189,10 @@ impl Workshop {
 
     /// Returns the camera of a view.
     fn camera(&self, name: &str) -> Result<Camera> {
-        let named = |watcher: &&Watcher| watcher.name == name || watcher.name.rsplit('/').next() == Some(name);
-        let mut found = self.watchers.iter().filter(named);
+        let named = |camera: &&SelectionCamera| camera.name == name || camera.name.rsplit('/').next() == Some(name);
+        let mut found = self.cameras.iter().filter(named);
         match (found.next(), found.next()) {
-            (Some(watcher), None) => Ok(watcher.camera.clone()),
+            (Some(camera), None) => Ok(camera.camera.clone()),
             (Some(_), Some(_)) => Err(Error::new(format!("several views are called \"{}\", give the folder too", name.escape_default()))),
             (None, _) => Err(Error::new(format!("no view \"{}\" for a mask", name.escape_default()))),
         }
@@ -222,7 +223,7 @@ impl Workshop {
             return Ok(found.clone());
         }
         let views: Vec<Watching<'_>> =
-            self.watchers.iter().map(|watcher| Watching { camera: &watcher.camera, mask: watcher.mask.as_ref() }).collect();
+            self.cameras.iter().map(|camera| Watching { camera: &camera.camera, mask: camera.mask.as_ref() }).collect();
         let views = Some(views.as_slice()).filter(|views| !views.is_empty());
         let found = self.with_engine(|engine| Removed::floaters_in(&self.scene, views, engine, &Silent))?;
         *kept = Some(found.clone());
@@ -323,7 +324,7 @@ impl Workshop {
             && let Some(oldest) = painted.pop_front()
         {
             for extension in ["png", "json"] {
-                luxel::files::remove_if_there(&folder.path().join(SUBFOLDER).join(format!("{oldest}.{extension}")))?;
+                luxel_app::files::remove_if_there(&folder.path().join(SUBFOLDER).join(format!("{oldest}.{extension}")))?;
             }
         }
         Ok(name)

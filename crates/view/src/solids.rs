@@ -11,8 +11,8 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use luxel_core::{Camera, Image, Layers, sigmoid};
 use rayon::prelude::*;
 
-use crate::error::ensure;
-use crate::{RadianceLayers, Result, Scene, memory};
+use luxel::error::ensure;
+use luxel::{RadianceLayers, Result, Scene, memory};
 
 /// Rows of an image that are drawn together.
 const BAND_ROWS: usize = 16;
@@ -72,8 +72,8 @@ impl Body {
 /// Draws the splats of a scene as `camera` sees them, which is in the scene's local coordinates.
 ///
 /// ```
-/// use luxel::solids::{Shape, SolidOptions, render};
 /// use luxel::synthetic;
+/// use luxel_view::solids::{Shape, SolidOptions, render};
 ///
 /// # fn main() -> luxel::Result<()> {
 /// let options = SolidOptions { shape: Shape::Ellipsoids { deviations: 1.0 }, least_opacity: 0.1 };
@@ -110,7 +110,7 @@ pub fn render(scene: &Scene, camera: &Camera, options: SolidOptions) -> Result<R
     let alpha = depth.iter().map(|z| if z.is_finite() { 1.0 } else { 0.0 }).collect();
     depth.iter_mut().for_each(|z| *z *= unit);
     let layers = Layers { image, alpha, depth };
-    Ok(RadianceLayers::new(layers, scene.radiance_scale, scene.color_space, &scene.world_camera(camera)))
+    Ok(RadianceLayers::from_normalised(layers, scene.radiance_scale, scene.color_space, &scene.world_camera(camera)))
 }
 
 /// Calls `put` with the pixels of some rows that a body covers, and their depths.
@@ -203,8 +203,8 @@ mod tests {
 
     /// A ball of radius 0.1 at two units before the camera, in a scene of its own.
     fn ball(logit: f32) -> (Scene, Camera) {
-        let camera = crate::synthetic::room_camera([640, 480]);
-        let mut scene = crate::synthetic::room(1, 1).into_core();
+        let camera = luxel::synthetic::room_camera([640, 480]);
+        let mut scene = luxel::synthetic::room(1, 1).into_core();
         let at = camera.eye() + 2.0 * camera.forward();
         scene.splats = Splats::empty(ColorModel::Sh { degree: 0 });
         let log = 0.1f32.ln();

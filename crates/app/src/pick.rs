@@ -10,8 +10,8 @@ use luxel_core::tone::rec709_of;
 use luxel_core::{Camera, ColorSpace, Engine, PixelValues, RenderOptions, Scene, View, luminance_rec709, luminance_sum, sigmoid};
 use serde::Serialize;
 
-use crate::Result;
-use crate::error::{Context, bail};
+use luxel::Result;
+use luxel::error::{Context, bail};
 
 /// Coverage below which a pixel shows nothing.
 const LEAST_COVERAGE: f32 = 1e-3;

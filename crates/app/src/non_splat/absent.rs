@@ -15,7 +15,7 @@ use crate::run::{Launch, RunConfig, RunFolder};
 
 /// A scene that is not stored as splats, of which this program has none.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ImplicitScene {
+pub struct NonSplatScene {
     /// Its units and place: a scene without splats.
     pub place: Scene,
     never: Infallible,
@@ -34,7 +34,7 @@ impl Checkpoint {
     }
 }
 
-impl ImplicitScene {
+impl NonSplatScene {
     pub(super) fn read(path: &Path) -> Result<Self> {
         Err(refused(path))
     }
@@ -82,7 +82,7 @@ impl ImplicitScene {
 ///
 /// # Errors
 /// Always.
-pub fn newest_scene(folder: &RunFolder, _: &dyn Observer) -> Result<(u32, ImplicitScene)> {
+pub fn newest_scene(folder: &RunFolder, _: &dyn Observer) -> Result<(u32, NonSplatScene)> {
     Err(refused(folder.root()))
 }
 

@@ -20,53 +20,53 @@ const ROOM_BYTES: usize = 256 << 20;
 /// Time that an answer waits for room.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Room for large answers.
+/// Permits for the bytes of large answers.
 #[derive(Debug)]
-pub(crate) struct Room {
+pub(crate) struct ResponsePermits {
     free_bytes: Arc<Semaphore>,
     patience: Duration,
 }
 
-/// A part of the room; `None` for a small answer.
+/// The permit of an answer; `None` for a small one.
 #[derive(Debug)]
-pub(crate) struct Place(Option<OwnedSemaphorePermit>);
+pub(crate) struct ResponsePermit(Option<OwnedSemaphorePermit>);
 
-struct Placed<T> {
+struct Permitted<T> {
     content: T,
-    _place: OwnedSemaphorePermit,
+    _permit: OwnedSemaphorePermit,
 }
 
-impl<T: AsRef<[u8]>> AsRef<[u8]> for Placed<T> {
+impl<T: AsRef<[u8]>> AsRef<[u8]> for Permitted<T> {
     fn as_ref(&self) -> &[u8] {
         self.content.as_ref()
     }
 }
 
-impl Default for Room {
+impl Default for ResponsePermits {
     fn default() -> Self {
         Self { free_bytes: Arc::new(Semaphore::new(ROOM_BYTES)), patience: PATIENCE }
     }
 }
 
-impl Room {
+impl ResponsePermits {
     /// Waits for room for an answer of about this many bytes.
-    pub(crate) async fn place(&self, bytes: usize) -> Result<Place, Failure> {
+    pub(crate) async fn acquire(&self, bytes: usize) -> Result<ResponsePermit, Failure> {
         if bytes < LARGE_BYTES {
-            return Ok(Place(None));
+            return Ok(ResponsePermit(None));
         }
         let bytes = u32::try_from(bytes.min(ROOM_BYTES)).unwrap_or(u32::MAX);
         match tokio::time::timeout(self.patience, Arc::clone(&self.free_bytes).acquire_many_owned(bytes)).await {
-            Ok(Ok(place)) => Ok(Place(Some(place))),
+            Ok(Ok(permit)) => Ok(ResponsePermit(Some(permit))),
             _ => Err(Failure::new(StatusCode::SERVICE_UNAVAILABLE, "too many large answers wait to be taken, try again")),
         }
     }
 }
 
-impl Place {
+impl ResponsePermit {
     /// Returns the answer's bytes, which keep their room until they have gone.
     pub(crate) fn fill(self, content: impl AsRef<[u8]> + Into<Bytes> + Send + 'static) -> Bytes {
         match self.0 {
-            Some(place) => Bytes::from_owner(Placed { content, _place: place }),
+            Some(permit) => Bytes::from_owner(Permitted { content, _permit: permit }),
             None => content.into(),
         }
     }
@@ -79,18 +79,18 @@ mod tests {
     #[test]
     fn large_answers_wait_for_others_to_go() {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
-        let room = Room { patience: Duration::from_millis(5), ..Room::default() };
-        let place = |bytes| runtime.block_on(room.place(bytes));
+        let permits = ResponsePermits { patience: Duration::from_millis(5), ..ResponsePermits::default() };
+        let acquire = |bytes| runtime.block_on(permits.acquire(bytes));
         let half = ROOM_BYTES / 2;
-        let first = place(half).unwrap().fill(vec![1; 8]);
-        let second = place(half).unwrap().fill(vec![2; 8]);
-        assert_eq!(place(half).unwrap_err().status, StatusCode::SERVICE_UNAVAILABLE);
-        assert_eq!(place(1000).unwrap().fill(vec![3; 8]).len(), 8);
+        let first = acquire(half).unwrap().fill(vec![1; 8]);
+        let second = acquire(half).unwrap().fill(vec![2; 8]);
+        assert_eq!(acquire(half).unwrap_err().status, StatusCode::SERVICE_UNAVAILABLE);
+        assert_eq!(acquire(1000).unwrap().fill(vec![3; 8]).len(), 8);
         let part = first.slice(2..4);
         drop(first);
-        assert!(place(half).is_err());
+        assert!(acquire(half).is_err());
         drop(part);
-        assert!(place(half).is_ok());
+        assert!(acquire(half).is_ok());
         assert_eq!(second[0], 2);
     }
 }

@@ -1,4 +1,4 @@
-//! [`ImplicitScene`]: a field or anchors, with what is needed to render them in the radiance of
+//! [`NonSplatScene`]: a field or anchors, with what is needed to render them in the radiance of
 //! their data set.
 
 use std::path::Path;
@@ -29,14 +29,14 @@ enum Content {
 
 /// A scene that is not stored as splats.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ImplicitScene {
+pub struct NonSplatScene {
     /// The field or the anchors.
     content: Content,
     /// Its units and place: a scene without splats.
     pub place: Scene,
 }
 
-impl ImplicitScene {
+impl NonSplatScene {
     /// Reads the scene of a file, that of a checkpoint too.
     pub(super) fn read(path: &Path) -> Result<Self> {
         let name = || path.display().to_string();

@@ -3,15 +3,11 @@
 
 use std::time::{Duration, Instant};
 
-use luxel_core::engine::{AdamBetas, CameraGradientChoice, Evaluations, LearningRates, StatsCollection, StepConfig};
-use luxel_core::{Engine, Image, LossWeights, Pass, RenderOptions, StepReport, Target, ToneCurve, View};
+use luxel_core::engine::{Evaluations, StepConfig};
+use luxel_core::{Engine, Image, Pass, RenderOptions, StepReport, Target, ToneCurve, View};
 
-use crate::Result;
-use crate::error::Context;
-
-/// Learning rate so small that the scene does not change over any number of steps; Adam's work is
-/// the same at any rate.
-const LEARNING_RATE: f32 = 1e-9;
+use luxel::Result;
+use luxel::error::Context;
 
 /// Settings of the measurement.
 #[derive(Clone, Copy, Debug)]
@@ -34,26 +30,7 @@ impl Protocol {
 
     /// Returns the settings of a training step.
     pub fn step(&self, step: u32) -> StepConfig {
-        StepConfig {
-            step,
-            render: self.render,
-            loss: LossWeights::default(),
-            learning_rates: LearningRates {
-                position: LEARNING_RATE,
-                rotation: LEARNING_RATE,
-                log_scale: LEARNING_RATE,
-                opacity_logit: LEARNING_RATE,
-                sh_dc: LEARNING_RATE,
-                sh_rest: LEARNING_RATE,
-                luminance_dc: LEARNING_RATE,
-                luminance_rest: LEARNING_RATE,
-            },
-            betas: AdamBetas::default(),
-            position_noise: None,
-            dropout: None,
-            stats: StatsCollection::Gradients,
-            camera_gradient: CameraGradientChoice::Skip,
-        }
+        StepConfig::at_rest(step, self.render)
     }
 }
 

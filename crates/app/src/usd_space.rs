@@ -12,13 +12,13 @@ use glam::{DMat3, DVec3};
 use luxel_core::{Dataset, Similarity};
 use luxel_io::{PathCamera, StageCameras, StageChoice, StageMotion};
 
-use crate::Result;
-use crate::error::Context;
-use crate::up::{Up, UpAxis, file_from_world};
+use luxel::Result;
+use luxel::error::Context;
+use luxel::export::{Up, UpAxis, file_from_world};
 
 /// The stage of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stage {
+pub struct UsdSpace {
     stage_from_world: Similarity,
     metres_per_unit: Option<f64>,
 }
@@ -42,7 +42,7 @@ pub fn is_usd_file(path: &Path) -> bool {
     luxel_io::open_regular(path).is_ok_and(|(mut file, _)| file.read_exact(&mut head).is_ok() && luxel_io::is_usd(&head))
 }
 
-impl Stage {
+impl UsdSpace {
     /// Returns the stage of a scene with this unit, whose up direction is that of the data set's
     /// cameras.
     ///

@@ -9,14 +9,14 @@ use luxel_core::ColorSpace;
 use tokio::sync::{OnceCell, Semaphore};
 
 use crate::answer::Failure;
+use crate::edit_session::EditSession;
 use crate::folder::Folder;
 use crate::frame_status::FrameRender;
 use crate::jobs::{Jobs, Refusal, Rendered, Reply, Stage, Wanted};
-use crate::large::Room;
 use crate::probe_map::{LastLamps, LastProbe};
+use crate::response_permits::ResponsePermits;
 use crate::status::{Shared, Status};
 use crate::subject::Subject;
-use crate::workshop::Workshop;
 
 /// Bodies of requests that are received at once.
 const MAX_BODIES: usize = 4;
@@ -26,7 +26,7 @@ const MAX_DOWNLOADS: usize = 4;
 const MAX_EDITING: usize = 4;
 
 /// Everything that answers are made from.
-pub(crate) struct House {
+pub(crate) struct ServerContext {
     pub(crate) subject: Subject,
     pub(crate) color_space: ColorSpace,
     pub(crate) jobs: Jobs,
@@ -43,19 +43,19 @@ pub(crate) struct House {
     pub(crate) environment: LastProbe,
     /// The lamps that were found last.
     pub(crate) lamps: LastLamps,
-    /// Room for large answers.
-    pub(crate) room: Room,
+    /// Permits of large answers.
+    pub(crate) permits: ResponsePermits,
     /// Tools for edits; `None` for a scene that is being trained.
-    pub(crate) workshop: Option<Arc<Workshop>>,
+    pub(crate) edit_session: Option<Arc<EditSession>>,
     /// Places for requests of edits.
     pub(crate) editing: Semaphore,
 }
 
-impl House {
-    /// Returns a house without jobs.
+impl ServerContext {
+    /// Returns a context without jobs.
     pub(crate) fn new(subject: Subject, color_space: ColorSpace, status: Status, scene: Option<Arc<Scene>>) -> Self {
         let (jobs, shared, bodies) = (Jobs::default(), Shared::new(status), Semaphore::new(MAX_BODIES));
-        let (frames, environment, room) = (FrameRender::default(), LastProbe::default(), Room::default());
+        let (frames, environment, permits) = (FrameRender::default(), LastProbe::default(), ResponsePermits::default());
         let (downloads, editing) = (Downloads::default(), Semaphore::new(MAX_EDITING));
         Self {
             subject,
@@ -68,8 +68,8 @@ impl House {
             frames,
             environment,
             lamps: LastLamps::default(),
-            room,
-            workshop: None,
+            permits,
+            edit_session: None,
             editing,
         }
     }
@@ -105,8 +105,8 @@ pub(crate) fn refused(refusal: Refusal) -> Failure {
 }
 
 /// Waits for a picture; `None` if a newer wish of the same viewer took its place.
-pub(crate) async fn render(house: &House, wanted: Wanted, viewer: Option<String>) -> Result<Option<Rendered>, Failure> {
-    let answer = house.jobs.submit(wanted, viewer).map_err(refused)?;
+pub(crate) async fn render(context: &ServerContext, wanted: Wanted, viewer: Option<String>) -> Result<Option<Rendered>, Failure> {
+    let answer = context.jobs.submit(wanted, viewer).map_err(refused)?;
     match answer.await {
         Ok(Reply::Done(rendered)) => Ok(Some(rendered)),
         Ok(Reply::Superseded) => Ok(None),
@@ -117,16 +117,16 @@ pub(crate) async fn render(house: &House, wanted: Wanted, viewer: Option<String>
 
 /// Does work on the thread that owns the engine.
 pub(crate) async fn on_stage<T: Send + 'static>(
-    house: &House,
+    context: &ServerContext,
     work: impl FnOnce(&mut dyn Stage) -> luxel::Result<T> + Send + 'static,
 ) -> Result<T, Failure> {
-    let answer = house.jobs.run(work).map_err(refused)?;
+    let answer = context.jobs.run(work).map_err(refused)?;
     Ok(answer.await.map_err(|_| refused(Refusal::Closed))??)
 }
 
 /// Waits for a picture that nothing takes the place of.
-pub(crate) async fn render_surely(house: &House, wanted: Wanted) -> Result<Rendered, Failure> {
-    let rendered = render(house, wanted, None).await?;
+pub(crate) async fn render_surely(context: &ServerContext, wanted: Wanted) -> Result<Rendered, Failure> {
+    let rendered = render(context, wanted, None).await?;
     rendered.ok_or_else(|| Failure::new(StatusCode::SERVICE_UNAVAILABLE, "the picture was given up"))
 }
 

@@ -25,19 +25,17 @@ const AT_CAMERA: f64 = 0.02;
 
 /// The cameras that see a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sight {
-    /// Cameras that were asked.
-    pub cameras: usize,
-    /// Those that have the point in their image.
-    pub in_view: usize,
+pub(crate) struct Visibility {
+    /// Cameras that have the point in their image, of those that were asked.
+    pub(crate) in_view: usize,
     /// Those of them that see it.
-    pub seen: usize,
+    pub(crate) seen: usize,
     /// Place of the camera that is nearest to the point.
-    pub nearest_camera: DVec3,
+    pub(crate) nearest_camera: DVec3,
 }
 
 /// Returns what cameras see of a point; `None` without cameras.
-pub fn sight(scene: &Scene, cameras: &[&Camera], at: DVec3) -> Option<Sight> {
+pub(crate) fn visibility_of(scene: &Scene, cameras: &[&Camera], at: DVec3) -> Option<Visibility> {
     let step = cameras.len().div_ceil(MOST_CAMERAS).max(1);
     let asked: Vec<&Camera> = cameras.iter().copied().step_by(step).collect();
     let nearest = cameras.iter().map(|camera| camera.eye()).min_by(|a, b| a.distance_squared(at).total_cmp(&b.distance_squared(at)))?;
@@ -46,7 +44,7 @@ pub fn sight(scene: &Scene, cameras: &[&Camera], at: DVec3) -> Option<Sight> {
     let is_viewing = |camera: &&&Camera| camera.eye().distance(at) <= AT_CAMERA * spread || is_in_image(camera, at);
     let viewing: Vec<DVec3> = asked.iter().filter(is_viewing).map(|camera| camera.eye()).collect();
     let seen = viewing.par_iter().filter(|from| transmittance(scene, **from, at) >= LEAST_TRANSMITTANCE).count();
-    Some(Sight { cameras: asked.len(), in_view: viewing.len(), seen, nearest_camera: nearest })
+    Some(Visibility { in_view: viewing.len(), seen, nearest_camera: nearest })
 }
 
 /// Returns whether a point is in front of a camera and in its image.
@@ -97,7 +95,7 @@ mod tests {
         let room = crate::synthetic::room(1, 1).into_core();
         let empty = Scene { splats: Splats::empty(room.splats.color_model), ..room.clone() };
         let of = |scene: &Scene, at: DVec3| {
-            let found = sight(scene, &[&camera], at).unwrap();
+            let found = visibility_of(scene, &[&camera], at).unwrap();
             [found.in_view, found.seen]
         };
         assert_eq!(of(&empty, ahead(2.0)), [1, 1]);
@@ -110,6 +108,6 @@ mod tests {
         let walled = Scene { splats: wall, ..room.clone() };
         assert_eq!(of(&walled, ahead(0.2)), [1, 1]);
         assert_eq!(of(&walled, ahead(4.0)), [1, 0]);
-        assert_eq!(sight(&empty, &[], ahead(1.0)), None);
+        assert_eq!(visibility_of(&empty, &[], ahead(1.0)), None);
     }
 }

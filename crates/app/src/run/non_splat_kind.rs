@@ -4,14 +4,14 @@ use luxel_train::{Method, Representation};
 
 /// A kind of scene that is not stored as splats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ImplicitKind {
+pub enum NonSplatKind {
     /// A radiance field.
     Field,
     /// Anchors.
     Anchors,
 }
 
-impl ImplicitKind {
+impl NonSplatKind {
     /// All kinds.
     pub const ALL: [Self; 2] = [Self::Field, Self::Anchors];
 

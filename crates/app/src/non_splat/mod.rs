@@ -23,14 +23,14 @@ use std::path::Path;
 #[cfg(not(feature = "methods"))]
 pub(crate) use absent::{Checkpoint, open_dataset, resume, seconds_per_step, start};
 #[cfg(not(feature = "methods"))]
-pub use absent::{ImplicitScene, newest_scene};
+pub use absent::{NonSplatScene, newest_scene};
 use luxel::{DeviceOptions, Error, Remedy, Result, SelectedEngine};
 use luxel_core::Engine;
 use luxel_train::{ANCHOR_FORMAT, FIELD_FORMAT, Method, Representation};
 #[cfg(feature = "methods")]
 pub use newest::newest_scene;
 #[cfg(feature = "methods")]
-pub use scene::ImplicitScene;
+pub use scene::NonSplatScene;
 #[cfg(feature = "methods")]
 pub(crate) use start::{Checkpoint, open_dataset, resume, seconds_per_step, start};
 
@@ -92,9 +92,9 @@ fn no_splats(root: &Path, config: &RunConfig) -> Error {
 ///
 /// # Errors
 /// A file of such a scene that is damaged or of another version.
-pub fn open_file(path: &Path) -> Result<Option<ImplicitScene>> {
+pub fn open_file(path: &Path) -> Result<Option<NonSplatScene>> {
     match [FIELD_FORMAT, ANCHOR_FORMAT].into_iter().any(|format| luxel_io::holds_arrays(path, format)) {
-        true => ImplicitScene::read(path).map(Some),
+        true => NonSplatScene::read(path).map(Some),
         false => Ok(None),
     }
 }
