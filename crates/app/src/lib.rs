@@ -10,7 +10,7 @@
 //! - [`blocks`] splits a large data set, whose blocks are trained as runs, and merges their scenes.
 //! - [`compare`] and [`edit`] put two runs, or two scenes under the same edit, side by side.
 //! - [`report`] makes pages of plots, pictures and tables.
-//! - [`pick`] says what a pixel is made of, [`bench`] how long renders and steps take,
+//! - [`pick`] says what a pixel is made of, [`mod@bench`] how long renders and steps take,
 //!   [`usd_space`] where cameras of OpenUSD are in a scene, [`machine`] what the machine is.
 //! - [`output`], [`files`] and [`schema`] say how results are named, written and versioned.
 //!
