@@ -1,4 +1,4 @@
-//! What Luxel's kernels run on: the instruction sets that they are compiled for, the choice among
+//! The ground of Luxel's kernels: the instruction sets that they are compiled for, the choice among
 //! them, and the start of threads; sixteen numbers in memory, their sums, and their elementary
 //! functions.
 //!

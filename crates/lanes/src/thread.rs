@@ -9,16 +9,17 @@ const ROOM_BYTES: usize = 64 << 20;
 /// Starts a thread of a pool, and returns when it runs: the handler for
 /// [`rayon::ThreadPoolBuilder::spawn_handler`].
 ///
-/// A thread takes memory of its own when it begins (for its signal handler), and the standard library
-/// ends the whole process if the system refuses that. Pools started by this are refused with an error
-/// instead, while there is room for it.
+/// A thread takes memory of its own when it begins (for its signal handler), and the standard
+/// library ends the whole process if the system refuses that. Pools started by this are refused
+/// with an error instead, while there is room for it.
 ///
 /// # Errors
-/// [`io::ErrorKind::OutOfMemory`] if the system has no room for the thread; the system's error if it
-/// refuses the thread.
+/// [`io::ErrorKind::OutOfMemory`] if the system has no room for the thread; the system's error if
+/// it refuses the thread.
 ///
 /// ```
-/// let pool = rayon::ThreadPoolBuilder::new().num_threads(2).spawn_handler(luxel_lanes::start_thread).build();
+/// let builder = rayon::ThreadPoolBuilder::new().num_threads(2);
+/// let pool = builder.spawn_handler(luxel_lanes::start_thread).build();
 /// assert_eq!(pool.unwrap().current_num_threads(), 2);
 /// ```
 pub fn start_thread(thread: rayon::ThreadBuilder) -> io::Result<()> {
