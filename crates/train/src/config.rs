@@ -15,7 +15,7 @@ mod spec;
 mod validate;
 
 pub use choices::{
-    BatchRule, CutoffPreset, ExposureCompensation, FieldLoss, Freeze, HdrNormalisation, NamedChoice, Preset, ScaleRule, Strategy,
+    BatchRule, CutoffPreset, ExposureCompensation, FieldLoss, Freeze, HdrNormalisation, LateViews, NamedChoice, Preset, ScaleRule, Strategy,
 };
 pub use field_network::FieldNetworkChoice;
 pub use options::{OPTIONS, TrainConfig};

@@ -1,7 +1,8 @@
-//! Random crops of training views, for images of more pixels than a step should see.
+//! Random parts of training views: crops, for images of more pixels than a step should see, and
+//! strips, which make a step take half of the time.
 //!
-//! In: the size of an image, the longest side of a crop, a random stream. Out: a window, and the
-//! view that shows it alone.
+//! In: the size of an image, the shape of the part, a random stream. Out: a window, and the view
+//! that shows it alone.
 //!
 //! The choice is unbiased: the expected loss of a crop, a mean over its pixels, is the mean over
 //! the whole image. Each axis is divided into pieces at random places, and the crop is the tile
@@ -9,6 +10,9 @@
 //! in proportion to its area, and each of its pixels then counts in inverse proportion to it.
 //! Crops of one size at uniform places would count pixels near the border less. Windows of SSIM
 //! end at the border of a crop, as they do at that of an image; the places of borders are random.
+//!
+//! A strip is a piece of one axis, drawn as for a crop of three quarters of its length, and all of
+//! the other: 0.54 of the pixels on average.
 //!
 //! Degenerate: an image that is not longer than a crop is taken whole along that axis. A panorama
 //! keeps its whole width, because its ends meet.
@@ -24,13 +28,24 @@ use rand_pcg::Pcg64Mcg;
 /// SSIM would be noise.
 const MIN_PIECE_PX: u32 = 32;
 
-/// A request for a crop.
+/// The mean part of the pixels of a view that are in a strip.
+pub(crate) const STRIP_SHARE: f64 = 0.54;
+
+/// A request for a part of a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Crop {
-    /// The longest side, pixels.
-    pub(crate) side_px: u32,
+    pub(crate) shape: Shape,
     /// The seed that alone decides the window.
     pub(crate) seed: u64,
+}
+
+/// The shape of a part of a view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Shape {
+    /// A rectangle of at most so many pixels a side.
+    Tile { side_px: u32 },
+    /// A strip across or down the view.
+    Strip,
 }
 
 /// A part of an image.
@@ -48,11 +63,20 @@ fn longest(view: &View, side_px: u32) -> [u32; 2] {
     [across.min(width), side_px.min(height)]
 }
 
-/// Draws the window of a crop.
-pub(crate) fn draw(view: &View, Crop { side_px, seed }: Crop) -> Window {
+/// Draws the window of a part.
+pub(crate) fn draw(view: &View, Crop { shape, seed }: Crop) -> Window {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
-    let (longest, size) = (longest(view, side_px), view.camera.size_px);
+    let size = view.camera.size_px;
+    let longest = match shape {
+        Shape::Tile { side_px } => longest(view, side_px),
+        Shape::Strip => size.map(|side| side.div_ceil(4) * 3),
+    };
     let [across, down] = [0, 1].map(|axis| piece(size[axis], longest[axis], [random.random(), random.random()]));
+    let [across, down] = match shape {
+        Shape::Tile { .. } => [across, down],
+        Shape::Strip if view.camera.projection != CameraProjection::Equirectangular && random.random() => [across, [0, size[1]]],
+        Shape::Strip => [[0, size[0]], down],
+    };
     Window { corner_px: [across[0], down[0]], size_px: [across[1], down[1]] }
 }
 
@@ -145,10 +169,23 @@ mod tests {
     }
 
     #[test]
+    fn strips_go_across_and_down_and_hold_their_share_of_the_pixels() {
+        let full = view(200, 90);
+        let strips: Vec<Window> = (0..4000).map(|seed| draw(&full, Crop { shape: Shape::Strip, seed })).collect();
+        let (down, across): (Vec<&Window>, Vec<&Window>) = strips.iter().partition(|strip| strip.size_px[0] == 200);
+        assert!(across.iter().all(|strip| strip.size_px[1] == 90 && (50..=150).contains(&strip.size_px[0])));
+        assert!(down.iter().all(|strip| (22..=68).contains(&strip.size_px[1])));
+        assert!(across.len().abs_diff(down.len()) < 400, "{} {}", across.len(), down.len());
+        let pixels = |strip: &Window| f64::from(strip.size_px[0]) * f64::from(strip.size_px[1]) / 18_000.0;
+        let share = strips.iter().map(pixels).sum::<f64>() / strips.len() as f64;
+        assert!((share - STRIP_SHARE).abs() < 0.02, "{share}");
+    }
+
+    #[test]
     fn a_crop_sees_what_the_view_sees_there() {
         let full = view(200, 90);
         for seed in 0..50 {
-            let crop = Crop { side_px: 64, seed };
+            let crop = Crop { shape: Shape::Tile { side_px: 64 }, seed };
             let window = draw(&full, crop);
             assert_eq!(window, draw(&full, crop));
             let part = cropped(&full, window);
@@ -165,7 +202,7 @@ mod tests {
             assert_eq!(part.camera.project(point).unwrap().0 + shift, full.camera.project(point).unwrap().0);
         }
         // Small images are taken whole.
-        assert_eq!(draw(&full, Crop { side_px: 512, seed: 3 }), Window { corner_px: [0, 0], size_px: [200, 90] });
+        assert_eq!(draw(&full, Crop { shape: Shape::Tile { side_px: 512 }, seed: 3 }), Window { corner_px: [0, 0], size_px: [200, 90] });
         assert_eq!(gradient_factor(std::slice::from_ref(&full), 512), 1.0);
         assert!((gradient_factor(&[full], 50) - (200.0f32 * 90.0 / 2500.0).sqrt()).abs() < 1e-4);
     }

@@ -43,8 +43,8 @@ mod vignetting;
 
 pub use config::{
     BatchRule, ColorValues, Colors, Condition, CutoffPreset, ExposureCompensation, FieldLoss, FieldNetworkChoice, Freeze, HdrNormalisation,
-    MAX_BATCH, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS, Method, MethodSpec, Misplaced, NamedChoice, OPTIONS, OptionSpec, Preset, Range,
-    Representation, ScaleRule, Scheme, Strategy, TrainConfig, ValueHelp, parse_rgb,
+    LateViews, MAX_BATCH, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS, Method, MethodSpec, Misplaced, NamedChoice, OPTIONS, OptionSpec, Preset,
+    Range, Representation, ScaleRule, Scheme, Strategy, TrainConfig, ValueHelp, parse_rgb,
 };
 pub use contribution::add_contribution;
 pub use error::TrainError;

@@ -101,11 +101,11 @@ pub(crate) fn factor_at(stages: &[Stage], step: u32) -> u32 {
 const WORK_PER_SPLAT: f64 = 0.2;
 
 /// Returns the work of `steps` (1 for the first), in steps at full resolution with one sample a
-/// pixel. `samples_at` is the number of samples along a pixel's side.
-pub(crate) fn work(stages: &[Stage], steps: RangeInclusive<u32>, samples_at: impl Fn(u32) -> u8) -> f64 {
+/// pixel. `samples_per_pixel` is the mean over the pixels of a whole view.
+pub(crate) fn work(stages: &[Stage], steps: RangeInclusive<u32>, samples_per_pixel: impl Fn(u32) -> f64) -> f64 {
     let of_step = |step: u32| {
-        let side = f64::from(samples_at(step)) / f64::from(factor_at(stages, step));
-        (side * side + WORK_PER_SPLAT) / (1.0 + WORK_PER_SPLAT)
+        let samples = samples_per_pixel(step) / f64::from(factor_at(stages, step)).powi(2);
+        (samples + WORK_PER_SPLAT) / (1.0 + WORK_PER_SPLAT)
     };
     // The sum of nothing is -0.
     steps.map(of_step).sum::<f64>() + 0.0
@@ -237,7 +237,7 @@ mod tests {
     #[test]
     fn work_follows_the_pixels_of_each_step() {
         let stages = "8,4@100,1@200".parse::<ResolutionSchedule>().unwrap().stages(30_000, 100, 800);
-        let work = |steps| work(&stages, steps, |step| if step > 900 { 2 } else { 1 });
+        let work = |steps| work(&stages, steps, |step| if step > 900 { 4.0 } else { 1.0 });
         let of = |pixels: f64| (pixels + WORK_PER_SPLAT) / (1.0 + WORK_PER_SPLAT);
         assert!((work(1..=100) / 100.0 - of(1.0 / 64.0)).abs() < 1e-9);
         assert!((work(101..=200) / 100.0 - of(1.0 / 16.0)).abs() < 1e-9);

@@ -20,7 +20,8 @@
 
 use luxel_core::engine::LearningRates;
 
-use crate::config::{Strategy, TrainConfig};
+use crate::config::{LateViews, Strategy, TrainConfig};
+use crate::crop::STRIP_SHARE;
 
 /// Divisor of the learning rate of harmonics above degree 0, relative to the constant term (Kerbl
 /// et al. 2023).
@@ -83,6 +84,8 @@ pub struct Schedule {
     pub reduces_opacity: bool,
     /// Number of samples along a pixel's side, and the step before which there is one.
     pub samples: (u8, u32),
+    /// Whether steps train on strips of their views once no more splats are added.
+    pub has_late_strips: bool,
     /// Steps after which poses are optimised and fixed again; `None` if they are fixed throughout.
     pub poses: Option<[u32; 2]>,
     /// Number of steps before `end` that are averaged, none of them before densification ends or in
@@ -126,6 +129,7 @@ impl Schedule {
             reset_interval: (is_adc && !is_frozen && config.opacity_reset_interval > 0).then_some(steps_of(config.opacity_reset_interval)),
             reduces_opacity: is_adc && !is_frozen && config.absgrad,
             samples: (samples, iterations.saturating_sub(sampled_steps) + 1),
+            has_late_strips: config.late_views == LateViews::Strips,
             poses: config.refine_poses.then(|| pose_steps(config, iterations)),
             averaged_steps: averaged_steps.min(end.saturating_sub(unaveraged_steps)),
         }
@@ -145,6 +149,17 @@ impl Schedule {
     pub fn samples(&self, step: u32) -> u8 {
         let (samples, first) = self.samples;
         if step < first { 1 } else { samples }
+    }
+
+    /// Returns whether `step` trains on a strip of its view.
+    pub fn takes_strips(&self, step: u32) -> bool {
+        self.has_late_strips && step > self.densify_until
+    }
+
+    /// Returns the samples of `step` on average over the pixels of its whole view.
+    pub fn samples_per_pixel(&self, step: u32) -> f64 {
+        let share = if self.takes_strips(step) { STRIP_SHARE } else { 1.0 };
+        f64::from(self.samples(step)).powi(2) * share
     }
 
     /// Returns the fraction of the splats that `step` leaves out, if any: it rises linearly from 0,
@@ -391,6 +406,19 @@ mod tests {
         let often = Schedule { reset_interval: Some(100), ..s.clone() };
         assert_eq!([50, 100, 101, 150, 151, 201].map(|t| often.is_recovering(t)), [false, false, true, true, false, true]);
         assert!((1..=100).all(|t| !Schedule { reset_interval: Some(1), ..s.clone() }.is_recovering(t)));
+    }
+
+    #[test]
+    fn strips_come_after_the_last_round() {
+        let config = TrainConfig { iterations: 100, late_views: LateViews::Strips, ..TrainConfig::default() };
+        let strips = |config: &TrainConfig| {
+            let s = Schedule::new(config, config.iterations, 2.0);
+            (1..=config.iterations).filter(|step| s.takes_strips(*step)).collect::<Vec<_>>()
+        };
+        assert_eq!(strips(&config), (51..=100).collect::<Vec<_>>());
+        assert!(strips(&TrainConfig { late_views: LateViews::Whole, ..config.clone() }).is_empty());
+        let s = Schedule::new(&TrainConfig { samples: Some(2), ..config }, 100, 2.0);
+        assert_eq!([1, 51, 100].map(|step| s.samples_per_pixel(step)), [1.0, STRIP_SHARE, 4.0 * STRIP_SHARE]);
     }
 
     #[test]

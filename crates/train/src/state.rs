@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera_response::CameraResponse;
 use crate::config::ExposureCompensation;
-use crate::crop::Crop;
+use crate::crop::{Crop, Shape};
 use crate::gains::Gains;
 use crate::poses::{Corrections, Poses};
 use crate::recorded::is_recorded;
@@ -16,7 +16,7 @@ use crate::step_method::{MethodState, StepMethods, resumed};
 use crate::validation_views::Fit;
 use crate::view_order::{Cursors, first_order};
 use crate::vignetting::{LensVignetting, Lenses, Vignettings};
-use crate::{TrainConfig, TrainError};
+use crate::{Schedule, TrainConfig, TrainError};
 
 /// Version of the format of [`State`]; a state of another version is refused with a clear message.
 const VERSION: u32 = 3;
@@ -144,7 +144,10 @@ impl State {
     pub(crate) fn crop(&self, step: u32, slot: usize) -> Option<Crop> {
         let stream = CROP_STREAM ^ (slot as u64).wrapping_mul(SLOT_STREAM);
         let seed = || Pcg64Mcg::seed_from_u64(self.config.seed ^ (u64::from(step) << 32) ^ stream).random();
-        self.config.crop.map(|side_px| Crop { side_px, seed: seed() })
+        let tile = self.config.crop.map(|side_px| Shape::Tile { side_px });
+        let is_strip = || Schedule::new(&self.config, self.planned_iterations, self.extent).takes_strips(step);
+        let shape = tile.or_else(|| is_strip().then_some(Shape::Strip))?;
+        Some(Crop { shape, seed: seed() })
     }
 
     /// Returns the seed of the splats that `step` leaves out, which depends on the run's seed and

@@ -127,7 +127,7 @@ impl Trainer {
     /// number of pixels of a step changes over a run.
     pub fn steps_left_at_pace(&self, made: u32) -> f64 {
         let (step, end) = (self.state.iteration, self.state.config.iterations);
-        let work = |steps| resolution::work(self.views.stages(), steps, |step| self.schedule.samples(step));
+        let work = |steps| resolution::work(self.views.stages(), steps, |step| self.schedule.samples_per_pixel(step));
         let of_made = work(step.saturating_sub(made) + 1..=step);
         if of_made > 0.0 { work(step + 1..=end) * f64::from(made.min(step)) / of_made } else { f64::from(end.saturating_sub(step)) }
     }

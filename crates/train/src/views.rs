@@ -357,6 +357,7 @@ mod tests {
     use luxel_core::{Image, RadianceScale};
 
     use super::*;
+    use crate::crop::Shape;
     use crate::testing::{camera_at, view_of};
 
     fn views(stages: &str) -> TrainingViews {
@@ -447,7 +448,7 @@ mod tests {
         let of = |train: &[View]| TrainingViews::new(train, stages.clone(), noise, tone);
         let (mut now, mut later) = (of(&train), of(&later));
         for step in [1, 2, 11, 12, 13] {
-            let crop = Some(Crop { side_px: 12, seed: u64::from(step) });
+            let crop = Some(Crop { shape: Shape::Tile { side_px: 12 }, seed: u64::from(step) });
             later.ask(step, 1, crop);
             let [a, b] = [&mut now, &mut later].map(|views| views.part_at(step, 1, [1.0; 3], crop).unwrap().unwrap().clone());
             assert_eq!((&a.image, &a.mask, &a.camera, a.target), (&b.image, &b.mask, &b.camera, b.target), "{step}");

@@ -142,6 +142,15 @@ choices! {
         Color: "color",
     }
 
+    /// The part of a view that a step trains on once no more splats are added.
+    pub enum LateViews = Whole {
+        /// All of it
+        Whole: "whole",
+        /// A strip between a border and a random place, across or down: half of the time a step,
+        /// for a loss of about 0.1 dB
+        Strips: "strips",
+    }
+
     /// The rule by which the optimiser's rates follow the number of views a step.
     pub enum BatchRule = Sqrt {
         /// Learning rates and Adam's betas stay as they are for one view

@@ -14,8 +14,8 @@ use serde::{Deserialize, Serialize};
 use super::range::Range;
 use super::spec::{Access, Condition, OptionSpec, OptionValue, check_in, parse_in};
 use super::{
-    BatchRule, CutoffPreset, ExposureCompensation, FieldLoss, FieldNetworkChoice, Freeze, HdrNormalisation, MAX_BATCH, MAX_SEED, Method,
-    Preset, ScaleRule, Strategy,
+    BatchRule, CutoffPreset, ExposureCompensation, FieldLoss, FieldNetworkChoice, Freeze, HdrNormalisation, LateViews, MAX_BATCH, MAX_SEED,
+    Method, Preset, ScaleRule, Strategy,
 };
 use crate::{NoiseChoice, ResolutionSchedule};
 
@@ -99,6 +99,8 @@ options! {
         /// Train each step on a random part of its view, of at most this many pixels a side, for
         /// images that are too large for a step
         crop: Option<u32> = None, "PX", Range::AtLeast(64), unset: "whole views";
+        /// Part of its view that a step trains on once no more splats are added
+        late_views: LateViews = LateViews::Whole, "PART", Range::Any;
         /// Fraction of the steps, at the end and after densification, over which the parameters are
         /// averaged to the final scene, but at most the second half of the steps with
         /// supersampling, if others come before them; 0 disables it

@@ -2,7 +2,7 @@
 
 use super::own_steps::check_options;
 use super::spec::Condition;
-use super::{Freeze, OPTIONS, OptionSpec, TrainConfig};
+use super::{Freeze, LateViews, OPTIONS, OptionSpec, TrainConfig};
 use crate::TrainError;
 
 /// An option that is set although a choice that it depends on was not made.
@@ -41,6 +41,10 @@ impl TrainConfig {
         if self.freezes_geometry() && self.refine_poses {
             let reason = "poses are refined together with the splats that `freeze` keeps as they are; refine them in the run of the scene";
             return Err(TrainError::config("refine_poses", reason.to_owned()));
+        }
+        if self.crop.is_some() && self.late_views == LateViews::Strips {
+            let reason = "strips are parts of whole views, and crop trains on other parts; leave one of them out";
+            return Err(TrainError::config("late_views", reason.to_owned()));
         }
         check_options(self)?;
         self.validate_decays()

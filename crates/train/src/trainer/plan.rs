@@ -25,9 +25,9 @@ impl Trainer {
         let config = TrainConfig { iterations, resolution_schedule: resolution.clone(), ..self.state.config.clone() };
         let schedule = Schedule::new(&config, iterations, self.schedule.extent);
         let stages = stages(&config, &schedule, self.views.smallest_side_px());
-        let left = resolution::work(&stages, step + 1..=iterations, |step| schedule.samples(step));
+        let left = resolution::work(&stages, step + 1..=iterations, |step| schedule.samples_per_pixel(step));
         let made = made.min(step);
-        let of_made = resolution::work(self.views.stages(), step - made + 1..=step, |step| self.schedule.samples(step));
+        let of_made = resolution::work(self.views.stages(), step - made + 1..=step, |step| self.schedule.samples_per_pixel(step));
         if of_made > 0.0 { left * f64::from(made) / of_made } else { f64::from(iterations.saturating_sub(step)) }
     }
 
