@@ -95,6 +95,7 @@ fn every_option_changes_the_configuration() {
         &["--tone-width", "64"],
         &["--tone-lr", "0.001"],
         &["--exposure-compensation", "color"],
+        &["--late-views", "strips"],
         &["--vignetting"],
         &["--noise-model", "0.1,0.01"],
         &["--unit-exposure", "0.7"],
