@@ -3,9 +3,9 @@
 //! In: gradient, learning rate, number of the step. In, out: parameters and moments. A parameter
 //! whose gradient is exactly 0 stays as it is, and so do its moments: most entries of a hash table
 //! are not touched by a step. With beta_2 = 0.99, the correction of the bias by the step's number
-//! is right for those, too: the first update of an entry is a tenth over the root of a hundredth,
-//! 1. The order of the operations is not that of the CPU engine's pass `adam`, and neither are the
-//! last bits.
+//! is right for those, too: the first update of an entry is 1, a tenth over the root of a
+//! hundredth. The order of the operations is not that of the CPU engine's pass `adam`, and neither
+//! are the last bits.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
