@@ -1,5 +1,5 @@
 //! Random parts of training views: crops, for images of more pixels than a step should see, and
-//! strips, which make a step take half of the time.
+//! strips of about half of a view, which make steps faster.
 //!
 //! In: the size of an image, the shape of the part, a random stream. Out: a window, and the view
 //! that shows it alone.

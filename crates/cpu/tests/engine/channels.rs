@@ -138,8 +138,8 @@ fn channels_behind_the_shaping_ones_have_a_gradient_by_themselves_alone() {
     // Scale, rotation and opacity to the bit; harmonics have four times the gradient.
     assert_eq!(rows(&extra, 3..11), rows(&one, 3..11));
     let (extra, one) = (rows(&extra, 11..14), rows(&one, 11..14));
-    // Of the largest number: sums cancel, and reciprocals begin with an estimate of the
-    // processor's.
+    // Of the largest number, as in the test above: sums cancel, and instruction sets round them
+    // differently.
     let largest = one.iter().fold(0.0f32, |most, by| most.max(by.abs()));
     for (extra, one) in extra.iter().zip(&one) {
         assert!((extra - 4.0 * one).abs() <= 2e-5 * largest, "{extra} {one} {largest}");
