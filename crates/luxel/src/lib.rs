@@ -81,6 +81,7 @@ pub mod step_methods;
 pub mod synthetic;
 mod training;
 mod up;
+pub mod video;
 mod visibility;
 
 /// Vectors and matrices of cameras, similarities and lamps.

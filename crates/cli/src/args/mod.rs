@@ -13,7 +13,7 @@ mod lights;
 pub(crate) mod look;
 mod mesh;
 mod mix;
-mod photograph;
+pub(crate) mod photograph;
 mod pick;
 mod prepare;
 mod probe;

@@ -2,16 +2,17 @@
 
 use anyhow::{Context, Result, bail};
 use luxel::aov::{Cryptomatte, Matte, MatteRenderer, Motion, motion, splat_ids};
-use luxel_app::output::{FrameForm, Recipe};
-use luxel_core::{Edit, Engine, Layers, RenderOptions, Scene};
+use luxel_app::output::Recipe;
+use luxel_core::{Edit, Engine, Layers};
 use luxel_io::ExrPlane;
 
+use super::jobs::Job;
+use super::making::Making;
+use super::neighbours::Neighbours;
 use super::photograph::Photographer;
-use super::shots::{Shot, Shots};
-use super::{Job, color_space};
-use crate::args::RenderArgs;
-use crate::args::channels::ChannelArg;
-use crate::inputs::scene_source::{DataRequest, SceneSource};
+use super::plan::RenderPlan;
+use crate::args::channels::{ChannelArg, ChannelArgs, MatteArg};
+use crate::inputs::scene_source::SceneSource;
 use crate::inputs::{engine, masks};
 use crate::output::console::Console;
 
@@ -24,58 +25,12 @@ pub(super) struct Picture {
     pub(super) attributes: Vec<(String, String)>,
 }
 
-/// The form of the images.
-pub(super) fn form(args: &RenderArgs, scene: &Scene) -> FrameForm {
-    FrameForm {
-        color_space: color_space(args, scene),
-        exr_type: args.exr_type.into(),
-        alpha: args.channels.has(ChannelArg::Alpha),
-        depth: args.channels.has(ChannelArg::Depth),
-        normals: args.channels.has(ChannelArg::Normal),
-    }
-}
-
 /// Adds the channels to the recipe of all images; those without keep the recipe that they had
 /// before there were any.
-pub(super) fn in_recipe(args: &RenderArgs, recipe: Recipe) -> Recipe {
-    let recipe = if args.channels.has(ChannelArg::Id) { recipe.with("id", true) } else { recipe };
-    let named =
-        |recipe: Recipe, matte: &crate::args::channels::MatteArg| recipe.with("matte", format_args!("{}={}", matte.name, matte.selection));
-    args.channels.matte.iter().fold(recipe, named)
-}
-
-/// The frames next to one in time.
-#[derive(Clone, Debug)]
-pub(super) struct Neighbours {
-    before: Option<luxel_core::Camera>,
-    after: Option<luxel_core::Camera>,
-}
-
-impl Neighbours {
-    /// Returns the neighbours of each shot, if motion is asked for.
-    ///
-    /// # Errors
-    /// Cameras that are not frames.
-    pub(super) fn of_shots(args: &RenderArgs, shots: &Shots) -> Result<Option<Vec<Self>>> {
-        if !args.channels.has(ChannelArg::Motion) {
-            return Ok(None);
-        }
-        let is_moving = args.path.is_some() || args.cameras.is_some();
-        if !is_moving || shots.frames_len() < 2 {
-            bail!(
-                "--aov motion needs a camera that moves from frame to frame; give --path KIND, or --cameras FILE with two frames or more"
-            );
-        }
-        let step = shots.images_per_frame;
-        let camera = |i: Option<usize>| i.and_then(|i| shots.all.get(i)).map(|shot: &Shot| shot.camera.clone());
-        let of = |i: usize| Self { before: camera(i.checked_sub(step)), after: camera(i.checked_add(step)) };
-        Ok(Some((0..shots.all.len()).map(of).collect()))
-    }
-
-    /// Returns what decides the channels beside the camera.
-    pub(super) fn recipe(&self) -> String {
-        format!("{:?} {:?}", self.before, self.after)
-    }
+pub(super) fn in_recipe(channels: &ChannelArgs, recipe: Recipe) -> Recipe {
+    let recipe = if channels.has(ChannelArg::Id) { recipe.with("id", true) } else { recipe };
+    let named = |recipe: Recipe, matte: &MatteArg| recipe.with("matte", format_args!("{}={}", matte.name, matte.selection));
+    channels.matte.iter().fold(recipe, named)
 }
 
 /// Renders images with their channels.
@@ -89,8 +44,8 @@ impl ChannelRenderer {
     ///
     /// # Errors
     /// Names that are given twice; selections of nothing; a scene without splats.
-    pub(super) fn new(args: &RenderArgs, source: &SceneSource, request: DataRequest<'_>, console: &Console) -> Result<Self> {
-        let asked = &args.channels.matte;
+    pub(super) fn new(plan: &RenderPlan<'_>, source: &SceneSource, console: &Console) -> Result<Self> {
+        let asked = &plan.images.channels.matte;
         if asked.is_empty() {
             return Ok(Self::default());
         }
@@ -98,13 +53,13 @@ impl ChannelRenderer {
             bail!("--matte {}: the name is given twice", twice.1.name);
         }
         let selecting: Vec<Edit> = asked.iter().map(|matte| Edit { selection: matte.selection.clone(), maps: Vec::new() }).collect();
-        let mut helper = engine::engine(&super::device(args))?.engine;
-        let masks = masks::mask_shares(&selecting, source, request, helper.as_mut(), console)?;
+        let mut helper = engine::engine(&plan.device)?.engine;
+        let masks = masks::mask_shares(&selecting, source, plan.data, helper.as_mut(), console)?;
         drop(helper);
         let scene = &source.scene;
         let mattes: Vec<Matte> =
             asked.iter().map(|matte| Matte::of(&matte.name, &matte.selection, scene, &masks)).collect::<luxel::Result<_>>()?;
-        let options = super::device(args).options();
+        let options = plan.device.options();
         let renderer = MatteRenderer::new(scene, &mattes, || Ok(luxel::SelectedEngine::open(&options)?.engine))?;
         Ok(Self { mattes: Some((Cryptomatte::new(mattes.into_iter().map(|matte| matte.name)), renderer)) })
     }
@@ -112,17 +67,16 @@ impl ChannelRenderer {
     /// Renders an image, with the channels that are asked for.
     pub(super) fn render(
         &mut self,
-        args: &RenderArgs,
-        scene: &Scene,
+        making: &Making<'_>,
         job: &Job,
         engine: &mut dyn Engine,
-        options: &RenderOptions,
         photographer: &mut Photographer,
     ) -> Result<Picture> {
+        let Making { images, scene, options, .. } = making;
         let camera = &job.camera;
         luxel::memory::check_render(camera.size_px, options.raster.samples)?;
-        args.deep.map_or(Ok(()), |most_samples| luxel::memory::check_deep(camera.size_px, most_samples))?;
-        let has = |kind| args.channels.has(kind);
+        images.deep.map_or(Ok(()), |most_samples| luxel::memory::check_deep(camera.size_px, most_samples))?;
+        let has = |kind| images.channels.has(kind);
         let needs_depth = has(ChannelArg::Depth) || has(ChannelArg::Motion);
         let layers = match (&job.photograph, has(ChannelArg::Alpha) || needs_depth) {
             (Some(photograph), _) => {

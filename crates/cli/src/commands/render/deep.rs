@@ -5,11 +5,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use luxel_app::output::{self, FrameState, Recipe};
 use luxel_core::engine::DeepImage;
-use luxel_core::{Conversion, Engine, RenderOptions, Scene};
+use luxel_core::{Camera, ColorSpace, Conversion, Engine, Scene};
 use luxel_io::{ExrOptions, ExrSample};
 
-use super::Job;
-use crate::args::RenderArgs;
+use super::making::Making;
 use crate::args::values::ExrTypeArg;
 
 /// A deep image to render.
@@ -26,10 +25,9 @@ pub(super) fn path_beside(exr: &Path) -> PathBuf {
 }
 
 impl DeepJob {
-    /// Returns the deep image of a job, if it is asked for.
-    pub(super) fn new(args: &RenderArgs, exr: &Path, of_frame: &Recipe) -> Option<Self> {
-        let most_samples = args.deep?;
-        Some(Self { path: path_beside(exr), most_samples, made_by: of_frame.clone().with("deep", most_samples).digest() })
+    /// Returns the deep image of an image.
+    pub(super) fn new(most_samples: u16, exr: &Path, of_frame: &Recipe) -> Self {
+        Self { path: path_beside(exr), most_samples, made_by: of_frame.clone().with("deep", most_samples).digest() }
     }
 
     /// Returns whether the file is there, made by this recipe; `exr` is the image.
@@ -40,34 +38,32 @@ impl DeepJob {
             _ => output::frame_state(exr, output::DEEP_MADE_BY, &self.made_by),
         }
     }
-}
 
-/// Renders and writes the deep image of a job, if it is asked for; returns whether half floats
-/// could not hold it.
-pub(super) fn write(args: &RenderArgs, scene: &Scene, job: &Job, engine: &mut dyn Engine, options: &RenderOptions) -> Result<bool> {
-    let Some(DeepJob { path, most_samples, .. }) = &job.deep else { return Ok(false) };
-    let image = engine.render_deep(&job.camera, options, usize::from(*most_samples)).context("cannot render a deep image")?;
-    let image = in_units_of_the_data(args, scene, image);
-    let options = ExrOptions {
-        sample: match args.exr_type {
-            ExrTypeArg::Auto => ExrSample::smallest_for_deep(&image),
-            ExrTypeArg::Half => ExrSample::Half,
-            ExrTypeArg::Float => ExrSample::Float,
-        },
-        color_space: super::color_space(args, scene),
-        camera: Some(scene.world_camera(&job.camera)),
-        frames_per_second: args.video.is_some().then_some(args.fps),
-        ..ExrOptions::default()
-    };
-    if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot create the folder", folder.display()))?;
+    /// Renders and writes the image; returns whether half floats could not hold it.
+    pub(super) fn write(&self, making: &Making<'_>, camera: &Camera, engine: &mut dyn Engine) -> Result<bool> {
+        let Making { images, scene, options, form } = making;
+        let image = engine.render_deep(camera, options, usize::from(self.most_samples)).context("cannot render a deep image")?;
+        let image = in_units_of_the_data(scene, form.color_space, image);
+        let options = ExrOptions {
+            sample: match images.exr_type {
+                ExrTypeArg::Auto => ExrSample::smallest_for_deep(&image),
+                ExrTypeArg::Half => ExrSample::Half,
+                ExrTypeArg::Float => ExrSample::Float,
+            },
+            color_space: form.color_space,
+            camera: Some(scene.world_camera(camera)),
+            frames_per_second: images.frames_per_second,
+            ..ExrOptions::default()
+        };
+        if let Some(folder) = self.path.parent() {
+            std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot create the folder", folder.display()))?;
+        }
+        Ok(luxel_io::write_deep_exr(&self.path, &image, &options).context("cannot write a deep image")? > 0)
     }
-    Ok(luxel_io::write_deep_exr(path, &image, &options).context("cannot write a deep image")? > 0)
 }
 
 /// Converts samples to radiance of the output's colour space, and depths to the world's unit.
-fn in_units_of_the_data(args: &RenderArgs, scene: &Scene, mut image: DeepImage) -> DeepImage {
-    let to = super::color_space(args, scene);
+fn in_units_of_the_data(scene: &Scene, to: ColorSpace, mut image: DeepImage) -> DeepImage {
     let conversion = Conversion::between(scene.color_space, to);
     let unit = scene.world_from_local.scale() as f32;
     for sample in image.pixels.iter_mut().flatten() {

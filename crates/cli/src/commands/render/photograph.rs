@@ -6,8 +6,9 @@ use luxel_app::pick::surface_distance;
 use luxel_app::text;
 use luxel_core::{Camera, Engine, Layers, RenderOptions, Scene};
 
+use super::plan::RenderPlan;
 use super::shots::{Shot, Shots};
-use crate::args::RenderArgs;
+use crate::args::photograph::PhotographArgs;
 use crate::output::console::Console;
 
 /// A photograph to take.
@@ -32,12 +33,12 @@ impl PhotographJob {
 /// # Errors
 /// No focus; an f-number in a scene of unknown size; a shutter without frames; cameras without an
 /// axis.
-pub(super) fn photographs(args: &RenderArgs, scene: &Scene, shots: &Shots) -> Result<Option<Vec<PhotographJob>>> {
-    let asked = &args.photograph;
+pub(super) fn photographs(plan: &RenderPlan<'_>, scene: &Scene, shots: &Shots) -> Result<Option<Vec<PhotographJob>>> {
+    let asked = plan.images.photograph;
     if !asked.is_given() {
         return Ok(None);
     }
-    let is_moving = args.path.is_some() || args.cameras.is_some();
+    let is_moving = plan.cameras.choice.is_moving();
     if asked.shutter.is_some() && (!is_moving || shots.frames_len() < 2) {
         bail!("--shutter needs a camera that moves from frame to frame; give --path KIND, or --cameras FILE with two frames or more");
     }
@@ -53,7 +54,7 @@ pub(super) fn photographs(args: &RenderArgs, scene: &Scene, shots: &Shots) -> Re
         // Both eyes see through the same kind of lens, each with its own measured focus.
         let seen_by = if is_moving { &all[i % step] } else { shot };
         let focus_at = asked.focus_at.map(|pixel| (pixel, seen_by.camera.clone()));
-        let aperture = aperture(args, scene, shot).with_context(|| format!("cannot photograph {}", shot.name))?;
+        let aperture = aperture(asked, scene, shot).with_context(|| format!("cannot photograph {}", shot.name))?;
         let photograph = Photograph { camera: shot.camera.clone(), aperture, motion };
         photograph.check().with_context(|| format!("cannot photograph {}", shot.name))?;
         let set = if asked.vary_samples { u32::try_from(i / step).unwrap_or(u32::MAX) } else { 0 };
@@ -63,8 +64,7 @@ pub(super) fn photographs(args: &RenderArgs, scene: &Scene, shots: &Shots) -> Re
 }
 
 /// Returns the aperture of a shot in the scene's coordinates.
-fn aperture(args: &RenderArgs, scene: &Scene, shot: &Shot) -> Result<Option<Aperture>> {
-    let asked = &args.photograph;
+fn aperture(asked: &PhotographArgs, scene: &Scene, shot: &Shot) -> Result<Option<Aperture>> {
     let diameter = match (asked.aperture, asked.f_stop) {
         (Some(diameter), _) => diameter,
         (None, Some(f_stop)) => {
@@ -91,14 +91,20 @@ fn aperture(args: &RenderArgs, scene: &Scene, shot: &Shot) -> Result<Option<Aper
 }
 
 /// Takes photographs, and keeps the numbers to report.
-#[derive(Default)]
 pub(super) struct Photographer {
+    /// Whether a number of samples was given, which is taken even if it leaves a pattern.
+    has_number: bool,
     /// Distances in focus that were measured, with the camera that sees them.
     measured: Vec<(Camera, f64)>,
     taken: Vec<Quality>,
 }
 
 impl Photographer {
+    /// Returns a photographer that has taken nothing yet.
+    pub(super) fn new(asked: &PhotographArgs) -> Self {
+        Self { has_number: asked.lens_samples.is_some(), measured: Vec::new(), taken: Vec::new() }
+    }
+
     /// Renders a photograph, with coverage if it is asked for.
     pub(super) fn take(
         &mut self,
@@ -137,7 +143,7 @@ impl Photographer {
     }
 
     /// Tells how many samples there were, and how much error they leave.
-    pub(super) fn report(&self, args: &RenderArgs, console: &Console) {
+    pub(super) fn report(&self, console: &Console) {
         let samples = self.taken.iter().map(|quality| quality.samples);
         let (Some(least), Some(most)) = (samples.clone().min(), samples.max()) else { return };
         let error = self.taken.iter().map(|quality| quality.error).fold(0.0, f64::max);
@@ -149,7 +155,7 @@ impl Photographer {
             [nearest, farthest] => console.note(&format!("in focus: {nearest} to {farthest} from the cameras")),
         }
         console.note(&format!("{count} samples of the lens an image; estimated error at most {} %", text::number(100.0 * error)));
-        if args.photograph.lens_samples.is_none() && error > TOLERANCE {
+        if !self.has_number && error > TOLERANCE {
             let many = self.taken.iter().filter(|quality| quality.error > TOLERANCE).count();
             console.warn(&format!(
                 "{} may show the pattern of the lens's samples, with an estimated error of up to {} %; --lens-samples takes up to 4096",

@@ -3,24 +3,20 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use luxel::camera_path::{Resized, camera_path, resized};
-use luxel::edit::{mask_names, needs_dataset};
+use luxel::camera_path::{PathKind, Resized, camera_path, resized};
 use luxel::export::Up;
 use luxel::lens::{Lens, LensKind, pose_at, stereo_pair};
 use luxel::output;
-use luxel_app::run::ExplicitArgs;
-use luxel_app::usd_space::{UsdSpace, is_usd_file};
+use luxel_app::usd_space::UsdSpace;
 use luxel_app::{files, text};
 use luxel_core::{Camera, CameraProjection, Dataset, Scene};
-use luxel_io::{PathCamera, StageChoice, StageMotion};
+use luxel_io::{PathCamera, StageChoice};
 
-use crate::args::values::{Frames, LensArg, SplitArg};
-use crate::args::{LoadArgs, RenderArgs};
-use crate::inputs::scene_source::{DataRequest, SceneSource};
+use super::plan::{CameraChoice, CameraFileForm, CameraPlan, RenderPlan};
+use crate::args::LoadArgs;
+use crate::args::values::SplitArg;
+use crate::inputs::scene_source::SceneSource;
 use crate::output::console::Console;
-
-/// Frames of a path unless a number is given.
-const PATH_FRAMES: usize = 120;
 
 /// A camera and the name of its image.
 #[derive(Clone)]
@@ -36,63 +32,75 @@ impl Shot {
         Self { name: name.into(), camera, focus_distance: None }
     }
 
-    /// Returns the shot with its camera in the world.
-    pub(super) fn in_world(&self, scene: &Scene) -> Self {
-        Self { camera: scene.world_camera(&self.camera), ..self.clone() }
+    /// Returns the camera in the world.
+    fn in_world(&self, scene: &Scene) -> PathCamera {
+        let Self { name, camera, focus_distance } = self;
+        PathCamera { name: name.clone(), camera: scene.world_camera(camera), focus_distance: *focus_distance }
     }
-}
 
-impl From<Shot> for PathCamera {
-    fn from(Shot { name, camera, focus_distance }: Shot) -> Self {
-        Self { name, camera, focus_distance }
-    }
-}
-
-impl From<PathCamera> for Shot {
-    fn from(PathCamera { name, camera, focus_distance }: PathCamera) -> Self {
-        Self { name, camera, focus_distance }
+    /// Returns the shot of a camera in the world.
+    fn of_world(PathCamera { name, camera, focus_distance }: PathCamera, scene: &Scene) -> Self {
+        Self { name, camera: scene.local_camera(&camera), focus_distance }
     }
 }
 
 /// The cameras to render.
 pub(super) struct Shots {
-    /// All cameras that the options name, in order, before `frames` and `--shard`.
+    /// All cameras that the options name, in order, before `--frames` and `--shard`.
     pub(super) all: Vec<Shot>,
-    /// The part of them that `--frames` names.
-    pub(super) frames: Option<Frames>,
     /// Images of each frame: 2 for both eyes, else 1.
     pub(super) images_per_frame: usize,
     /// The stage that cameras are written for: that of the scene, upright as its data set is.
-    pub(super) stage: Option<UsdSpace>,
+    stage: UsdSpace,
 }
 
 impl Shots {
     /// Returns shots that are a frame each.
-    fn new(all: Vec<Shot>, frames: Option<Frames>) -> Self {
-        Self { all, frames, images_per_frame: 1, stage: None }
+    fn new(all: Vec<Shot>, stage: UsdSpace) -> Self {
+        Self { all, images_per_frame: 1, stage }
     }
 
     /// Returns the number of frames.
     pub(super) fn frames_len(&self) -> usize {
         self.all.len() / self.images_per_frame
     }
+
+    /// Returns the files of cameras that are to be written: those of a path, beside its frames, and
+    /// what --write-cameras asks for.
+    pub(super) fn files(&self, plan: &RenderPlan<'_>, scene: &Scene) -> Result<Vec<CameraText>> {
+        let in_world = || self.all.iter().map(|shot| shot.in_world(scene)).collect::<Vec<_>>();
+        let mut files = Vec::new();
+        if let CameraChoice::Path { .. } = plan.cameras.choice {
+            let text = luxel_io::camera_file_text(&in_world());
+            files.push(CameraText { path: plan.files.folder.join("cameras.json"), text, count: self.all.len() });
+        }
+        if let Some(written) = &plan.cameras.written {
+            let text = match written.form {
+                CameraFileForm::Json => luxel_io::camera_file_text(&in_world()),
+                CameraFileForm::Usd(motion) => self.stage.cameras_text(written.path, &in_world(), motion)?,
+            };
+            files.push(CameraText { path: written.path.to_owned(), text, count: self.all.len() });
+        }
+        Ok(files)
+    }
 }
 
 /// Returns the cameras that the options name, in the size that they name.
-pub(super) fn shots(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, console: &Console) -> Result<Shots> {
-    let mut shots = named(args, request, source, console)?;
-    match (args.projection, args.size) {
-        (None, Some(size_px)) => resize(&mut shots.all, size_px, console)?,
+pub(super) fn shots(plan: &RenderPlan<'_>, source: &SceneSource, console: &Console) -> Result<Shots> {
+    let CameraPlan { lens, size_px, eye_distance, .. } = &plan.cameras;
+    let mut shots = named(plan, source, console)?;
+    match (lens, size_px) {
+        (None, Some(size_px)) => resize(&mut shots.all, *size_px, console)?,
         (None, None) => {}
-        (Some(_), _) => {
+        (Some(lens), _) => {
             for shot in &mut shots.all {
-                shot.camera = lens(args).camera(shot.camera.camera_from_world)?;
+                shot.camera = lens.camera(shot.camera.camera_from_world)?;
             }
         }
     }
-    if let Some(distance) = args.stereo {
+    if let Some(distance) = eye_distance {
         // Cameras are in the scene's coordinates.
-        let local = f64::from(distance) / source.scene.world_from_local.scale();
+        let local = distance / source.scene.world_from_local.scale();
         shots.all = shots.all.into_iter().flat_map(|shot| eyes(&shot, local)).collect();
         shots.images_per_frame = 2;
         if shots.all.iter().any(|shot| shot.camera.projection == CameraProjection::Equirectangular) {
@@ -100,12 +108,6 @@ pub(super) fn shots(args: &RenderArgs, request: DataRequest<'_>, source: &SceneS
         }
     }
     Ok(shots)
-}
-
-/// Returns the lens that the options name; a pinhole if they name none.
-fn lens(args: &RenderArgs) -> Lens {
-    let kind = args.projection.map_or(LensKind::Pinhole, Into::into);
-    Lens { kind, field_deg: args.fov.map(f64::from), size_px: args.size }
 }
 
 /// Returns the shots of both eyes.
@@ -118,44 +120,21 @@ fn eyes(shot: &Shot, distance: f64) -> [Shot; 2] {
     })
 }
 
-fn named(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, console: &Console) -> Result<Shots> {
-    let dataset = || source.dataset(request, console);
-    if let Some(at) = args.at {
-        let dataset = dataset()?;
-        let stage = stage(source, dataset.as_ref())?;
-        let camera = lens(args).camera(pose_at(at, Up::Default, dataset.as_ref())?)?;
-        let shot = Shot::new(lens_name(args), source.scene.local_camera(&camera));
-        return Ok(Shots { stage: Some(stage), ..Shots::new(vec![shot], None) });
-    }
-    if let Some(file) = args.cameras.as_deref().filter(|file| is_usd_file(file)) {
-        return layer(args, file, source, dataset()?.as_ref(), console);
-    }
-    if let Some(file) = &args.cameras {
-        if args.camera.is_some() {
-            bail!("{}: --camera chooses one of an OpenUSD file, which this is not", file.display());
-        }
-        let upright = if is_written_as_usd(args) { source.dataset(request, console)? } else { None };
-        let stage = stage(source, upright.as_ref())?;
-        let cameras = camera_file(file, args.input.data.is_some(), dataset, || check_unread(args, file, request.explicit))?;
-        let mut all: Vec<Shot> = cameras.into_iter().map(Into::into).collect();
-        all.iter_mut().for_each(|shot| shot.camera = source.scene.local_camera(&shot.camera));
-        return Ok(Shots { stage: Some(stage), ..Shots::new(all, args.frames) });
-    }
-    let Some(dataset) = dataset()? else {
-        bail!("{}: a scene file has no cameras; give --data DATASET or --cameras FILE", args.input.scene.display())
+fn named(plan: &RenderPlan<'_>, source: &SceneSource, console: &Console) -> Result<Shots> {
+    let dataset = || source.dataset(plan.data, console);
+    let required = || {
+        dataset()?.with_context(|| format!("{}: a scene file has no cameras; give --data DATASET or --cameras FILE", plan.scene.display()))
     };
-    let stage = Some(stage(source, Some(&dataset))?);
-    if let Some(kind) = args.path {
-        let frames = path_frames(args.frames)?;
-        let path = camera_path(&dataset, kind.into(), frames)?;
-        console.note(&format!("{}, {}", path.description, text::plural(frames, "frame")));
-        return Ok(Shots { stage, ..Shots::new(path.cameras.into_iter().map(Into::into).collect(), None) });
+    match plan.cameras.choice {
+        CameraChoice::At(at) => at_point(plan, at, source, dataset()?.as_ref()),
+        CameraChoice::Stage { file, camera } => {
+            let choice = StageChoice { camera, size_px: plan.cameras.size_px };
+            of_stage(file, choice, source, dataset()?.as_ref(), console)
+        }
+        CameraChoice::File(file) => of_file(plan, file, source, console),
+        CameraChoice::Path { kind, frames } => along_path(&required()?, kind, frames, source, console),
+        CameraChoice::Views(split) => of_views(&required()?, split, source),
     }
-    let all = views(&dataset, args.split);
-    if all.is_empty() {
-        bail!("the data set has no views in this split; choose another --split");
-    }
-    Ok(Shots { stage, ..Shots::new(all, args.frames) })
 }
 
 /// Returns the stage of a scene.
@@ -163,14 +142,68 @@ fn stage(source: &SceneSource, dataset: Option<&Dataset>) -> Result<UsdSpace> {
     Ok(UsdSpace::new(source.scene.metres_per_unit, Up::Default, dataset)?)
 }
 
+/// Returns the camera at a point of the world.
+fn at_point(plan: &RenderPlan<'_>, at: [f64; 3], source: &SceneSource, dataset: Option<&Dataset>) -> Result<Shots> {
+    let lens = plan.cameras.lens.unwrap_or(Lens { kind: LensKind::Pinhole, field_deg: None, size_px: plan.cameras.size_px });
+    let camera = lens.camera(pose_at(at, Up::Default, dataset)?)?;
+    let name = match lens.kind {
+        LensKind::Pinhole => "view",
+        LensKind::Fisheye => "fisheye",
+        LensKind::Equirectangular => "panorama",
+    };
+    Ok(Shots::new(vec![Shot::new(name, source.scene.local_camera(&camera))], stage(source, dataset)?))
+}
+
+/// Returns the cameras of a file that is not OpenUSD.
+fn of_file(plan: &RenderPlan<'_>, file: &Path, source: &SceneSource, console: &Console) -> Result<Shots> {
+    let dataset = || source.dataset(plan.data, console);
+    let is_usd_written = plan.cameras.written.as_ref().is_some_and(|written| matches!(written.form, CameraFileForm::Usd(_)));
+    let upright = if is_usd_written { dataset()? } else { None };
+    let stage = stage(source, upright.as_ref())?;
+    // Options of reading a data set decide nothing where neither cameras nor masks need one.
+    let unread = || match plan.edits_need_dataset() {
+        true => Ok(()),
+        false => {
+            LoadArgs::refuse(plan.data.explicit, &[], &format!("and {} describes its cameras without one; leave it out", file.display()))
+        }
+    };
+    let cameras = camera_file(file, plan.data.data.is_some(), dataset, unread)?;
+    Ok(Shots::new(cameras.into_iter().map(|camera| Shot::of_world(camera, &source.scene)).collect(), stage))
+}
+
+/// Returns the frames of a path made from the views of a data set.
+fn along_path(dataset: &Dataset, kind: PathKind, frames: usize, source: &SceneSource, console: &Console) -> Result<Shots> {
+    let path = camera_path(dataset, kind, frames)?;
+    console.note(&format!("{}, {}", path.description, text::plural(frames, "frame")));
+    let shot = |PathCamera { name, camera, focus_distance }| Shot { name, camera, focus_distance };
+    Ok(Shots::new(path.cameras.into_iter().map(shot).collect(), stage(source, Some(dataset))?))
+}
+
+/// Returns the views of a data set, in the order of their names.
+fn of_views(dataset: &Dataset, split: SplitArg, source: &SceneSource) -> Result<Shots> {
+    let (train, test): (&[_], &[_]) = match split {
+        SplitArg::Train => (&dataset.train, &[]),
+        SplitArg::Test => (&[], &dataset.test),
+        SplitArg::All => (&dataset.train, &dataset.test),
+    };
+    let mut shots: Vec<Shot> = train.iter().chain(test).map(|view| Shot::new(&view.name, view.camera.clone())).collect();
+    if shots.is_empty() {
+        bail!("the data set has no views in this split; choose another --split");
+    }
+    // Both lists are sorted; together they are sorted again, so that frame numbers follow the
+    // capture.
+    shots.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok(Shots::new(shots, stage(source, Some(dataset))?))
+}
+
 /// Returns the cameras of an OpenUSD file.
-fn layer(args: &RenderArgs, file: &Path, source: &SceneSource, dataset: Option<&Dataset>, console: &Console) -> Result<Shots> {
+fn of_stage(file: &Path, choice: StageChoice<'_>, source: &SceneSource, dataset: Option<&Dataset>, console: &Console) -> Result<Shots> {
     let stage = stage(source, dataset)?;
     if dataset.is_none() {
         console.note(&format!("{}: no data set tells where up is: -y of the scene, as in its export without one", file.display()));
     }
     let first = dataset.and_then(|dataset| dataset.train.first().or(dataset.test.first()));
-    let choice = StageChoice { camera: args.camera.as_deref(), size_px: args.size.or(first.map(|view| view.camera.size_px)) };
+    let choice = StageChoice { size_px: choice.size_px.or(first.map(|view| view.camera.size_px)), ..choice };
     let found = stage.read_cameras(file, choice)?;
     let cameras = text::plural(found.cameras.len(), "camera");
     match (found.metres_per_unit, source.scene.metres_per_unit) {
@@ -183,15 +216,7 @@ fn layer(args: &RenderArgs, file: &Path, source: &SceneSource, dataset: Option<&
                 .note(&format!("{}: {cameras}; lengths times {factor:.6}: metersPerUnit is {metres}, the scene's {own}", file.display()));
         }
     }
-    let shot = |named: PathCamera| Shot { camera: source.scene.local_camera(&named.camera), ..named.into() };
-    let all = found.cameras.into_iter().map(shot).collect();
-    Ok(Shots { stage: Some(stage), ..Shots::new(all, args.frames) })
-}
-
-/// Returns whether --write-cameras asks for OpenUSD.
-fn is_written_as_usd(args: &RenderArgs) -> bool {
-    let extension = args.write_cameras.as_deref().and_then(Path::extension);
-    extension.is_some_and(|e| ["usda", "usd"].iter().any(|known| e.eq_ignore_ascii_case(known)))
+    Ok(Shots::new(found.cameras.into_iter().map(|camera| Shot::of_world(camera, &source.scene)).collect(), stage))
 }
 
 /// A file of cameras to write.
@@ -211,43 +236,6 @@ impl CameraText {
         files::write_text(&self.path, &self.text)?;
         console.note(&format!("{}: {}", self.path.display(), text::plural(self.count, "camera")));
         Ok(())
-    }
-}
-
-/// Returns what --write-cameras asks for, of the shots in the world.
-pub(super) fn file_of_cameras(args: &RenderArgs, shots: &Shots, world: Option<&[Shot]>) -> Result<Option<CameraText>> {
-    let (Some(path), Some(world)) = (&args.write_cameras, world) else { return Ok(None) };
-    let cameras: Vec<PathCamera> = world.iter().cloned().map(PathCamera::from).collect();
-    let is_json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
-    let text = match &shots.stage {
-        _ if is_json => luxel_io::camera_file_text(&cameras),
-        Some(stage) if is_written_as_usd(args) => {
-            let is_still = args.cameras.is_none() && args.path.is_none();
-            let moving = StageMotion::Moving { frames_per_second: f64::from(args.fps) };
-            stage.cameras_text(path, &cameras, if is_still { StageMotion::Still } else { moving })?
-        }
-        _ => bail!("{}: cameras are written as .json, or as OpenUSD text, .usda or .usd; choose one of these extensions", path.display()),
-    };
-    Ok(Some(CameraText { path: path.clone(), text, count: cameras.len() }))
-}
-
-/// Returns the number of frames of a path.
-fn path_frames(frames: Option<Frames>) -> Result<usize> {
-    match frames {
-        None => Ok(PATH_FRAMES),
-        Some(Frames { first, last }) if first == last && first > 0 => Ok(first),
-        Some(Frames { first, last }) => {
-            bail!("--frames {first}-{last}: with --path, expected the number of frames, 1 or more; --shard I/N renders a part of them")
-        }
-    }
-}
-
-/// Returns the name of an image at a point.
-fn lens_name(args: &RenderArgs) -> &'static str {
-    match args.projection {
-        None | Some(LensArg::Pinhole) => "view",
-        Some(LensArg::Fisheye) => "fisheye",
-        Some(LensArg::Equirectangular) => "panorama",
     }
 }
 
@@ -277,29 +265,6 @@ fn resize(shots: &mut [Shot], size_px: [u32; 2], console: &Console) -> Result<()
     Ok(())
 }
 
-/// Writes the cameras of a path beside its frames, unless they are there.
-pub(super) fn write_path(folder: &Path, shots: &[Shot], overwrite: bool, console: &Console) -> Result<()> {
-    let path = folder.join("cameras.json");
-    let cameras: Vec<PathCamera> = shots.iter().cloned().map(PathCamera::from).collect();
-    let content = luxel_io::camera_file_text(&cameras);
-    if luxel_io::read_file(&path).is_ok_and(|found| found == content.as_bytes()) {
-        return Ok(());
-    }
-    output::check_free(&path, overwrite)?;
-    files::write_text(&path, &content)?;
-    console.note(&format!("{}: {}", path.display(), text::plural(cameras.len(), "camera")));
-    Ok(())
-}
-
-/// Refuses options of reading a data set where neither cameras nor masks need one.
-fn check_unread(args: &RenderArgs, file: &Path, explicit: &ExplicitArgs) -> Result<()> {
-    let stack = super::stack(args)?.unwrap_or_default();
-    if stack.floaters || mask_names(&stack.selecting()).into_iter().any(needs_dataset) {
-        return Ok(());
-    }
-    LoadArgs::refuse(explicit, &[], &format!("and {} describes its cameras without one; leave it out", file.display()))
-}
-
 /// Reads the cameras of a file. The data set completes what the file leaves out; it is read only if
 /// asked for or needed, and `unread` is called otherwise.
 pub(in crate::commands) fn camera_file(
@@ -326,17 +291,4 @@ pub(in crate::commands) fn camera_file(
         }
     };
     Ok(cameras)
-}
-
-fn views(dataset: &Dataset, split: SplitArg) -> Vec<Shot> {
-    let (train, test): (&[_], &[_]) = match split {
-        SplitArg::Train => (&dataset.train, &[]),
-        SplitArg::Test => (&[], &dataset.test),
-        SplitArg::All => (&dataset.train, &dataset.test),
-    };
-    let mut shots: Vec<Shot> = train.iter().chain(test).map(|view| Shot::new(&view.name, view.camera.clone())).collect();
-    // Both lists are sorted; together they are sorted again, so that frame numbers follow the
-    // capture.
-    shots.sort_by(|a, b| a.name.cmp(&b.name));
-    shots
 }
