@@ -4,13 +4,14 @@ use std::path::{Path, PathBuf};
 
 use luxel_core::Remedy;
 
+use super::DatasetFormat;
 use super::block::Block;
 use super::candidates::files_with;
 use super::colmap::find_model;
 use super::files::without_extension;
-use super::layout_colmap::scene_folder;
-use super::layout_transforms::TransformsFiles;
-use super::{DatasetFormat, layout_llff, layout_metashape, layout_phone, layout_poses_bounds, layout_realityscan, layout_usd};
+use super::layouts::colmap::scene_folder;
+use super::layouts::transforms::TransformsFiles;
+use super::layouts::{llff, metashape, phone, poses_bounds, realityscan, usd};
 use crate::IoError;
 
 /// The files that identify a data set, for messages.
@@ -45,7 +46,7 @@ pub fn detect_format(path: &Path) -> Result<DatasetFormat, IoError> {
             "json" => Ok(DatasetFormat::Transforms),
             "csv" => Ok(DatasetFormat::RealityScan),
             "xml" => Ok(DatasetFormat::Metashape),
-            usd if layout_usd::EXTENSIONS.contains(&usd) => Ok(DatasetFormat::Usd),
+            layer if usd::EXTENSIONS.contains(&layer) => Ok(DatasetFormat::Usd),
             _ => Err(IoError::invalid(path, format!("is a file, expected a transforms.json or a folder with {LOOKED_FOR}"))),
         };
     }
@@ -70,7 +71,7 @@ pub fn detect_format(path: &Path) -> Result<DatasetFormat, IoError> {
     if model.is_some() && is_gauss_hdr {
         return Ok(DatasetFormat::GaussHdr);
     }
-    if model.is_none() && json.is_none() && layout_llff::is_one(path) {
+    if model.is_none() && json.is_none() && llff::is_one(path) {
         return Ok(DatasetFormat::HdrNerfReal);
     }
     match (json, model) {
@@ -85,17 +86,17 @@ pub fn detect_format(path: &Path) -> Result<DatasetFormat, IoError> {
 /// of files; an error where several formats are there.
 fn of_other_program(path: &Path) -> Result<Option<DatasetFormat>, IoError> {
     let signs = [
-        (layout_phone::polycam_folders(path).is_some(), DatasetFormat::Polycam),
-        (layout_phone::record3d_metadata(path).is_some(), DatasetFormat::Record3d),
-        (!files_with(path, "xml", layout_metashape::is_metashape).is_empty(), DatasetFormat::Metashape),
-        (!files_with(path, "csv", layout_realityscan::is_table).is_empty(), DatasetFormat::RealityScan),
-        (layout_poses_bounds::is_one(path), DatasetFormat::Llff),
-        (!layout_usd::layers(path).is_empty(), DatasetFormat::Usd),
+        (phone::polycam_folders(path).is_some(), DatasetFormat::Polycam),
+        (phone::record3d_metadata(path).is_some(), DatasetFormat::Record3d),
+        (!files_with(path, "xml", metashape::is_metashape).is_empty(), DatasetFormat::Metashape),
+        (!files_with(path, "csv", realityscan::is_table).is_empty(), DatasetFormat::RealityScan),
+        (poses_bounds::is_one(path), DatasetFormat::Llff),
+        (!usd::layers(path).is_empty(), DatasetFormat::Usd),
     ];
     let found: Vec<DatasetFormat> = signs.into_iter().filter(|(is_there, _)| *is_there).map(|(_, format)| format).collect();
     match found.as_slice() {
         // XMP files lie beside the images of other programs' exports, too.
-        [] => Ok((!layout_realityscan::xmp_files(path).is_empty()).then_some(DatasetFormat::RealityScan)),
+        [] => Ok((!realityscan::xmp_files(path).is_empty()).then_some(DatasetFormat::RealityScan)),
         [one] => Ok(Some(*one)),
         several => {
             let names: Vec<&str> = several.iter().map(|format| format.name()).collect();

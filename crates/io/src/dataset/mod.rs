@@ -37,14 +37,7 @@ mod image_memory;
 mod in_memory;
 mod intrinsics;
 mod json_fields;
-mod layout_colmap;
-mod layout_llff;
-mod layout_metashape;
-mod layout_phone;
-mod layout_poses_bounds;
-mod layout_realityscan;
-mod layout_transforms;
-mod layout_usd;
+mod layouts;
 mod lens_fields;
 mod load;
 mod masks;
@@ -77,11 +70,11 @@ pub use downscale::{AUTO_SIDE_PX, ChosenDownscale, Downscale, MAX_DOWNSCALE, cho
 pub use files::composed;
 pub use image_memory::{CheckPlan, ImageMemory, ImagePlan, KeepView, LoadProgress, Loading, VIEWS_IN_USE, ViewPlace};
 pub use in_memory::{MemoryDataset, MemoryPoint, MemoryView, dataset_in_memory};
-pub use layout_llff::{RecordedPose, parse_recorded_poses};
-pub use layout_metashape::{MetashapeCameras, parse_metashape};
-pub use layout_phone::{parse_polycam_camera, parse_record3d};
-pub use layout_poses_bounds::{BoundedPose, parse_poses_bounds};
-pub use layout_realityscan::{parse_realityscan_table, parse_realityscan_xmp};
+pub use layouts::llff::{RecordedPose, parse_recorded_poses};
+pub use layouts::metashape::{MetashapeCameras, parse_metashape};
+pub use layouts::phone::{parse_polycam_camera, parse_record3d};
+pub use layouts::poses_bounds::{BoundedPose, parse_poses_bounds};
+pub use layouts::realityscan::{parse_realityscan_table, parse_realityscan_xmp};
 pub use masks::{MaskSource, decode_mask};
 pub use metres::prepared_metres_per_unit;
 pub use posed::PosedCamera;
@@ -274,8 +267,8 @@ pub fn load_dataset_within(path: &Path, options: &LoadOptions, loading: &Loading
 
 /// Reads everything but pixels.
 fn read_source(path: &Path, options: &LoadOptions) -> Result<source::DatasetSource, IoError> {
-    use layout_colmap::{ColmapLayout, colmap_source};
-    use layout_transforms::{TransformsFiles, hdr_nerf_source, transforms_source};
+    use layouts::colmap::{ColmapLayout, colmap_source};
+    use layouts::transforms::{TransformsFiles, hdr_nerf_source, transforms_source};
 
     options.downscale.check(path)?;
     std::fs::metadata(path).map_err(|e| IoError::system(path, "read", &e))?;
@@ -290,15 +283,15 @@ fn read_source(path: &Path, options: &LoadOptions) -> Result<source::DatasetSour
     match format {
         DatasetFormat::Transforms => transforms_source(&json()?),
         DatasetFormat::HdrNerf => hdr_nerf_source(&json()?, options.supervision),
-        DatasetFormat::HdrNerfReal => layout_llff::llff_source(path, options.supervision),
+        DatasetFormat::HdrNerfReal => layouts::llff::llff_source(path, options.supervision),
         DatasetFormat::Colmap => colmap_source(path, ColmapLayout::Plain, options.supervision),
         DatasetFormat::HdrGs => colmap_source(path, ColmapLayout::HdrGs, options.supervision),
         DatasetFormat::GaussHdr => colmap_source(path, ColmapLayout::GaussHdr, options.supervision),
-        DatasetFormat::Llff => layout_poses_bounds::poses_bounds_source(path),
-        DatasetFormat::RealityScan => layout_realityscan::realityscan_source(path, options.supervision),
-        DatasetFormat::Metashape => layout_metashape::metashape_source(path, options.supervision),
-        DatasetFormat::Usd => layout_usd::usd_source(path, options.supervision),
-        DatasetFormat::Polycam => layout_phone::polycam_source(path, options.supervision),
-        DatasetFormat::Record3d => layout_phone::record3d_source(path, options.supervision),
+        DatasetFormat::Llff => layouts::poses_bounds::poses_bounds_source(path),
+        DatasetFormat::RealityScan => layouts::realityscan::realityscan_source(path, options.supervision),
+        DatasetFormat::Metashape => layouts::metashape::metashape_source(path, options.supervision),
+        DatasetFormat::Usd => layouts::usd::usd_source(path, options.supervision),
+        DatasetFormat::Polycam => layouts::phone::polycam_source(path, options.supervision),
+        DatasetFormat::Record3d => layouts::phone::record3d_source(path, options.supervision),
     }
 }

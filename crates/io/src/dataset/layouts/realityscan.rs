@@ -16,13 +16,13 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use roxmltree::{Document, Node};
 
-use super::Supervision;
-use super::components::{ComponentCamera, Coordinates, largest};
-use super::posed::{CameraFile, FilmLens, PosedCamera, PosedLens, from_opengl, rigid};
-use super::source::DatasetSource;
-use super::xml::{numbers, parse_xml};
 use crate::IoError;
 use crate::byte_order_mark::without_mark;
+use crate::dataset::Supervision;
+use crate::dataset::components::{ComponentCamera, Coordinates, largest};
+use crate::dataset::posed::{CameraFile, FilmLens, PosedCamera, PosedLens, from_opengl, rigid};
+use crate::dataset::source::DatasetSource;
+use crate::dataset::xml::{numbers, parse_xml};
 use crate::lens::{Base, Lens, Warp};
 use crate::read_file::read_file;
 
@@ -33,7 +33,7 @@ const OPTIONAL: [&str; 8] = ["px", "py", "k1", "k2", "k3", "k4", "t1", "t2"];
 /// Namespace of RealityCapture's XMP.
 const NAMESPACE: &str = "http://www.capturingreality.com/ns/xcr/1.1#";
 /// Folders that XMP files lie in, below the scene's.
-pub(super) const XMP_FOLDERS: [&str; 3] = ["", "images", "input"];
+pub(in crate::dataset) const XMP_FOLDERS: [&str; 3] = ["", "images", "input"];
 /// Largest skew, and deviation of an aspect ratio from 1, that is rounding.
 const ROUNDING: f64 = 1e-9;
 
@@ -50,20 +50,20 @@ fn without_count(text: &str) -> &str {
 }
 
 /// Returns whether the first line of a file is that of a table of cameras.
-pub(super) fn is_table(head: &str) -> bool {
+pub(in crate::dataset) fn is_table(head: &str) -> bool {
     Columns::of(head).is_ok()
 }
 
 /// Reads the table, or the XMP files of the folder.
-pub(super) fn realityscan_source(path: &Path, supervision: Supervision) -> Result<DatasetSource, IoError> {
+pub(in crate::dataset) fn realityscan_source(path: &Path, supervision: Supervision) -> Result<DatasetSource, IoError> {
     if path.is_file() {
         return table_source(path, supervision);
     }
-    let tables = super::candidates::files_with(path, "csv", is_table);
+    let tables = crate::dataset::candidates::files_with(path, "csv", is_table);
     match tables.as_slice() {
         [] => xmp_source(path, supervision),
         [one] => table_source(one, supervision),
-        _ => Err(super::candidates::several(path, "tables of cameras", &tables)),
+        _ => Err(crate::dataset::candidates::several(path, "tables of cameras", &tables)),
     }
 }
 
@@ -146,8 +146,8 @@ pub fn parse_realityscan_table(path: &Path, bytes: &[u8]) -> Result<Vec<PosedCam
 }
 
 /// Returns the XMP files of a scene's folder that are of the program.
-pub(super) fn xmp_files(folder: &Path) -> Vec<PathBuf> {
-    XMP_FOLDERS.iter().flat_map(|sub| super::candidates::files_with(&folder.join(sub), "xmp", is_xmp)).collect()
+pub(in crate::dataset) fn xmp_files(folder: &Path) -> Vec<PathBuf> {
+    XMP_FOLDERS.iter().flat_map(|sub| crate::dataset::candidates::files_with(&folder.join(sub), "xmp", is_xmp)).collect()
 }
 
 /// Returns whether the beginning of an XMP file is one of the program: other programs write XMP,
@@ -179,7 +179,7 @@ fn xmp_source(folder: &Path, supervision: Supervision) -> Result<DatasetSource, 
 /// Returns the coordinates that an XMP file's pose is in: those of its component, unless they are
 /// absolute.
 fn xmp_coordinates(path: &Path, bytes: &[u8]) -> Result<Coordinates, IoError> {
-    let text = super::xml::text_of(path, bytes)?;
+    let text = crate::dataset::xml::text_of(path, bytes)?;
     let document: Document<'_> = parse_xml(path, text)?;
     let is_absolute = field(&document, "Coordinates").is_some_and(|kind| kind == "absolute");
     let component = field(&document, "ComponentId").filter(|_| !is_absolute);
@@ -191,7 +191,7 @@ fn xmp_coordinates(path: &Path, bytes: &[u8]) -> Result<Coordinates, IoError> {
 /// # Errors
 /// Text that is not XML, numbers that are missing or wrong, a lens model other than Brown's.
 pub fn parse_realityscan_xmp(path: &Path, bytes: &[u8]) -> Result<Option<PosedCamera>, IoError> {
-    let text = super::xml::text_of(path, bytes)?;
+    let text = crate::dataset::xml::text_of(path, bytes)?;
     let document: Document<'_> = parse_xml(path, text)?;
     let field = |name: &str| field(&document, name);
     let list = |name: &str, count: usize| -> Result<Option<Vec<f64>>, IoError> {

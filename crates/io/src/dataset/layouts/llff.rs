@@ -12,11 +12,11 @@ use std::path::{Path, PathBuf};
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use luxel_core::{Camera, CameraProjection, Distortion, Remedy};
 
-use super::Supervision;
-use super::files::{is_image, view_name};
-use super::intrinsics::{Focal, Intrinsics};
-use super::source::{DatasetSource, Origin, Recording, SourceFrame, split_beside};
 use crate::IoError;
+use crate::dataset::Supervision;
+use crate::dataset::files::{is_image, view_name};
+use crate::dataset::intrinsics::{Focal, Intrinsics};
+use crate::dataset::source::{DatasetSource, Origin, Recording, SourceFrame, split_beside};
 use crate::image::npy::decode_table;
 use crate::read_file::read_file;
 
@@ -39,12 +39,12 @@ pub struct RecordedPose {
 }
 
 /// Returns whether the folder has this layout, by names only.
-pub(super) fn is_one(folder: &Path) -> bool {
+pub(in crate::dataset) fn is_one(folder: &Path) -> bool {
     folder.join(TABLE).is_file() && folder.join(IMAGES).is_dir()
 }
 
 /// Reads the table and finds the images.
-pub(super) fn llff_source(folder: &Path, supervision: Supervision) -> Result<DatasetSource, IoError> {
+pub(in crate::dataset) fn llff_source(folder: &Path, supervision: Supervision) -> Result<DatasetSource, IoError> {
     let path = folder.join(TABLE);
     if supervision.reads_radiance() {
         let error = IoError::invalid(folder, "holds captured LDR images and no radiance to train on");
@@ -86,7 +86,7 @@ pub(super) fn llff_source(folder: &Path, supervision: Supervision) -> Result<Dat
 }
 
 /// Returns images of the folder, sorted by name.
-pub(super) fn images(folder: &Path) -> Result<Vec<PathBuf>, IoError> {
+pub(in crate::dataset) fn images(folder: &Path) -> Result<Vec<PathBuf>, IoError> {
     let system = |e: std::io::Error| IoError::system(folder, "read folder", &e);
     let mut images = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(system)? {
@@ -125,14 +125,14 @@ fn recorded_pose(numbers: &[f64; COLUMNS]) -> Result<RecordedPose, String> {
 }
 
 /// Pose and lens of a row, in LLFF's order.
-pub(super) struct LlffPose {
-    pub(super) camera_from_world: DAffine3,
-    pub(super) size_px: [u32; 2],
-    pub(super) focal_px: f64,
+pub(in crate::dataset) struct LlffPose {
+    pub(in crate::dataset) camera_from_world: DAffine3,
+    pub(in crate::dataset) size_px: [u32; 2],
+    pub(in crate::dataset) focal_px: f64,
 }
 
 /// Returns the pose of 3 rows of 5 numbers; an error says what is wrong, without a place.
-pub(super) fn llff_pose(numbers: &[f64; 15]) -> Result<LlffPose, String> {
+pub(in crate::dataset) fn llff_pose(numbers: &[f64; 15]) -> Result<LlffPose, String> {
     let column = |c: usize| DVec3::new(numbers[c], numbers[5 + c], numbers[10 + c]);
     let [down, right, back, eye, lens] = [0, 1, 2, 3, 4].map(column);
     // OpenGL's axes are right, up and backwards.

@@ -11,13 +11,13 @@ use std::path::{Path, PathBuf};
 
 use glam::{DAffine3, DVec3};
 
-use super::colmap::{ColmapModel, ColmapPoint, FoundModel, find_model, read_model};
-use super::files::{Finder, Substitute, view_name, without_extension};
-use super::layout_colmap::points_with_sightings;
-use super::source::{DatasetSource, Origin, SourceFrame, SourcePoint, split_beside};
-use super::split::{NameIndex, Part, SplitLists, SplitRule};
-use super::transforms::{Transforms, TransformsFrame, parse_transforms};
-use super::{Supervision, recordings};
+use super::colmap::points_with_sightings;
+use crate::dataset::colmap::{ColmapModel, ColmapPoint, FoundModel, find_model, read_model};
+use crate::dataset::files::{Finder, Substitute, view_name, without_extension};
+use crate::dataset::source::{DatasetSource, Origin, SourceFrame, SourcePoint, split_beside};
+use crate::dataset::split::{NameIndex, Part, SplitLists, SplitRule};
+use crate::dataset::transforms::{Transforms, TransformsFrame, parse_transforms};
+use crate::dataset::{Supervision, recordings};
 use crate::image::holds_radiance;
 use crate::read_file::read_file;
 use crate::{IoError, read_points_ply};
@@ -30,7 +30,7 @@ const MAX_LISTED: usize = 3;
 
 /// The descriptions in a folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum TransformsFiles {
+pub(in crate::dataset) enum TransformsFiles {
     /// One for all.
     Single(PathBuf),
     /// One for each side of the split.
@@ -45,7 +45,7 @@ pub(super) enum TransformsFiles {
 impl TransformsFiles {
     /// Finds the files of the layout at `path`, a folder or a JSON file; the pair takes precedence
     /// over the single file.
-    pub(super) fn find(path: &Path) -> Option<Self> {
+    pub(in crate::dataset) fn find(path: &Path) -> Option<Self> {
         let pair = |folder: &Path| {
             let [train, test, val] = ["train", "test", "val"].map(|part| folder.join(format!("transforms_{part}.json")));
             train.is_file().then(|| Self::Pair { train, test: [test, val].into_iter().find(|path| path.is_file()) })
@@ -94,7 +94,7 @@ impl Described {
 }
 
 /// Reads the files, finds the images and the points.
-pub(super) fn transforms_source(files: &TransformsFiles) -> Result<DatasetSource, IoError> {
+pub(in crate::dataset) fn transforms_source(files: &TransformsFiles) -> Result<DatasetSource, IoError> {
     let folder = files.folder();
     let described = files.read()?;
     let finder = Finder::default();
@@ -184,7 +184,7 @@ fn is_val(path: &Path) -> bool {
 }
 
 /// Reads HDR-NeRF's synthetic scenes.
-pub(super) fn hdr_nerf_source(files: &TransformsFiles, supervision: Supervision) -> Result<DatasetSource, IoError> {
+pub(in crate::dataset) fn hdr_nerf_source(files: &TransformsFiles, supervision: Supervision) -> Result<DatasetSource, IoError> {
     let folder = files.folder();
     if !matches!(files, TransformsFiles::Pair { .. }) {
         return Err(IoError::invalid(folder, "no transforms_train.json, expected one with HDR-NeRF's layout"));

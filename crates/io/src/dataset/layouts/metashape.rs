@@ -19,13 +19,13 @@ use glam::{DMat3, DVec2, DVec3};
 use luxel_core::{MAX_SIDE_PX, Similarity};
 use roxmltree::{Document, Node};
 
-use super::Supervision;
-use super::components::{ComponentCamera, Coordinates, largest};
-use super::intrinsics::LensImage;
-use super::posed::{CameraFile, PosedCamera, PosedLens, rigid};
-use super::source::DatasetSource;
-use super::xml::{child, numbers, parse_xml, text_of};
 use crate::IoError;
+use crate::dataset::Supervision;
+use crate::dataset::components::{ComponentCamera, Coordinates, largest};
+use crate::dataset::intrinsics::LensImage;
+use crate::dataset::posed::{CameraFile, PosedCamera, PosedLens, rigid};
+use crate::dataset::source::DatasetSource;
+use crate::dataset::xml::{child, numbers, parse_xml, text_of};
 use crate::lens::{Base, Lens, Warp};
 use crate::read_file::read_file;
 
@@ -42,17 +42,17 @@ pub struct MetashapeCameras {
 }
 
 /// Returns whether the beginning of a file is that of Metashape's XML.
-pub(super) fn is_metashape(head: &str) -> bool {
+pub(in crate::dataset) fn is_metashape(head: &str) -> bool {
     head.contains("<document") && head.contains("<chunk")
 }
 
 /// Reads the cameras and finds the images.
-pub(super) fn metashape_source(path: &Path, supervision: Supervision) -> Result<DatasetSource, IoError> {
-    let found = if path.is_file() { vec![path.to_path_buf()] } else { super::candidates::files_with(path, "xml", is_metashape) };
+pub(in crate::dataset) fn metashape_source(path: &Path, supervision: Supervision) -> Result<DatasetSource, IoError> {
+    let found = if path.is_file() { vec![path.to_path_buf()] } else { crate::dataset::candidates::files_with(path, "xml", is_metashape) };
     let file = match found.as_slice() {
         [one] => one,
         [] => return Err(IoError::invalid(path, "no XML file of Metashape's cameras, expected one")),
-        several => return Err(super::candidates::several(path, "XML files of Metashape's cameras", several)),
+        several => return Err(crate::dataset::candidates::several(path, "XML files of Metashape's cameras", several)),
     };
     let MetashapeCameras { cameras, warnings } = parse_metashape(file, &read_file(file)?)?;
     let folder = file.parent().unwrap_or(file);

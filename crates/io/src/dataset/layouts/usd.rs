@@ -12,17 +12,17 @@ use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
-use super::Supervision;
-use super::files::{list_images, without_extension};
-use super::posed::{CameraFile, PosedCamera, PosedLens, WidthLens, from_opengl, rigid};
-use super::source::DatasetSource;
 use crate::IoError;
+use crate::dataset::Supervision;
+use crate::dataset::files::{list_images, without_extension};
+use crate::dataset::posed::{CameraFile, PosedCamera, PosedLens, WidthLens, from_opengl, rigid};
+use crate::dataset::source::DatasetSource;
 use crate::image::image_size;
 use crate::read_file::open_regular;
 use crate::usd::{BINARY_MAGIC, PACKAGE_MAGIC, UsdCamera, UsdCameras, read_cameras};
 
 /// Extensions of layers.
-pub(super) const EXTENSIONS: [&str; 4] = ["usda", "usd", "usdc", "usdz"];
+pub(in crate::dataset) const EXTENSIONS: [&str; 4] = ["usda", "usd", "usdc", "usdz"];
 /// Folders of images, in the order they are looked in.
 const IMAGE_FOLDERS: [&str; 3] = ["images", "input", "plates"];
 /// Difference of two shapes, of the aperture and of the image, that is rounding.
@@ -31,7 +31,7 @@ const ROUNDING: f64 = 0.01;
 const MAX_LISTED: usize = 3;
 
 /// Returns whether a file of OpenUSD has a camera: of text, by a search for its definition.
-pub(super) fn has_camera(path: &Path) -> bool {
+pub(in crate::dataset) fn has_camera(path: &Path) -> bool {
     let Ok((file, _)) = open_regular(path) else { return false };
     let mut reader = BufReader::with_capacity(1 << 20, file);
     let Ok(head) = reader.fill_buf() else { return false };
@@ -61,7 +61,7 @@ pub(super) fn has_camera(path: &Path) -> bool {
 }
 
 /// Returns the layers of a folder that have cameras.
-pub(super) fn layers(folder: &Path) -> Vec<PathBuf> {
+pub(in crate::dataset) fn layers(folder: &Path) -> Vec<PathBuf> {
     let paths = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let is_layer = |path: &PathBuf| path.extension().is_some_and(|e| EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)));
     let mut found: Vec<PathBuf> = paths.filter(|path| is_layer(path) && has_camera(path)).collect();
@@ -70,12 +70,12 @@ pub(super) fn layers(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// Reads the layer and finds the images.
-pub(super) fn usd_source(path: &Path, supervision: Supervision) -> Result<DatasetSource, IoError> {
+pub(in crate::dataset) fn usd_source(path: &Path, supervision: Supervision) -> Result<DatasetSource, IoError> {
     let found = if path.is_file() { vec![path.to_path_buf()] } else { layers(path) };
     let file = match found.as_slice() {
         [one] => one,
         [] => return Err(IoError::invalid(path, "no OpenUSD layer (.usda, .usdc, .usdz, .usd) with a camera, expected one")),
-        several => return Err(super::candidates::several(path, "OpenUSD layers with cameras", several)),
+        several => return Err(crate::dataset::candidates::several(path, "OpenUSD layers with cameras", several)),
     };
     let folder = file.parent().unwrap_or(file);
     let layer = read_cameras(file)?;
@@ -112,7 +112,9 @@ pub(super) fn usd_source(path: &Path, supervision: Supervision) -> Result<Datase
 
 /// Returns the file of a view's name.
 fn image_path(folder: &Path, name: &str) -> PathBuf {
-    super::files::Finder::default().find_image(folder, name, super::files::Substitute::Allowed).unwrap_or_else(|| folder.join(name))
+    crate::dataset::files::Finder::default()
+        .find_image(folder, name, crate::dataset::files::Substitute::Allowed)
+        .unwrap_or_else(|| folder.join(name))
 }
 
 /// Returns the names of the images below the folder, sorted, without extensions.

@@ -9,19 +9,19 @@
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
 
-use super::colmap::{ColmapFiles, ColmapImage, ColmapModel, ColmapPoint, find_model, read_model};
-use super::files::{Finder, Substitute, composed, list_images, view_name, without_extension};
-use super::source::{DatasetSource, Origin, Recording, Sighting, SourceFrame, SourcePoint, split_beside};
-use super::split::{Part, SplitRule};
-use super::{Supervision, recordings};
 use crate::IoError;
+use crate::dataset::colmap::{ColmapFiles, ColmapImage, ColmapModel, ColmapPoint, find_model, read_model};
+use crate::dataset::files::{Finder, Substitute, composed, list_images, view_name, without_extension};
+use crate::dataset::source::{DatasetSource, Origin, Recording, Sighting, SourceFrame, SourcePoint, split_beside};
+use crate::dataset::split::{Part, SplitRule};
+use crate::dataset::{Supervision, recordings};
 
 /// Names that a warning lists.
 const MAX_LISTED: usize = 3;
 
 /// How the images of a COLMAP folder are found from the registered names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum ColmapLayout {
+pub(in crate::dataset) enum ColmapLayout {
     /// In `images/`, of the same stem: COLMAP reads 8-bit copies, radiance beside them goes first.
     Plain,
     /// See the module.
@@ -43,7 +43,7 @@ struct Chosen<'a> {
 }
 
 /// Reads the model and finds the images.
-pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout, supervision: Supervision) -> Result<DatasetSource, IoError> {
+pub(in crate::dataset) fn colmap_source(folder: &Path, layout: ColmapLayout, supervision: Supervision) -> Result<DatasetSource, IoError> {
     let Some(found) = find_model(folder) else {
         return Err(IoError::invalid(
             folder,
@@ -107,7 +107,7 @@ pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout, supervision: Su
 
 /// Returns the points of the model whose position, mapped by `position`, is finite; sightings in
 /// images without a frame are dropped.
-pub(super) fn points_with_sightings(
+pub(in crate::dataset) fn points_with_sightings(
     model: &ColmapModel,
     frame_of_image: &[Option<usize>],
     position: impl Fn(&ColmapPoint) -> [f64; 3],
@@ -142,7 +142,7 @@ fn origin(files: &ColmapFiles<PathBuf>, image: &ColmapImage) -> Origin {
 
 /// Returns the scene's folder, where the folder of the model itself was named: the nearest with
 /// images.
-pub(super) fn scene_folder(folder: &Path) -> PathBuf {
+pub(in crate::dataset) fn scene_folder(folder: &Path) -> PathBuf {
     let up = [folder.to_path_buf(), folder.join(".."), folder.join("../..")];
     up.into_iter().find(|f| ["images", "exr", "images_hdr"].iter().any(|i| f.join(i).is_dir())).unwrap_or_else(|| folder.into())
 }

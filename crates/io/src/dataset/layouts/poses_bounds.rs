@@ -12,16 +12,16 @@ use std::path::{Path, PathBuf};
 use glam::{DAffine3, DVec2};
 use luxel_core::{CameraProjection, Distortion};
 
-use super::files::view_name;
-use super::intrinsics::{Focal, Intrinsics};
-use super::layout_llff::{LlffPose, images, llff_pose};
-use super::source::{DatasetSource, Origin, SourceFrame, split_beside};
+use super::llff::{LlffPose, images, llff_pose};
 use crate::IoError;
+use crate::dataset::files::view_name;
+use crate::dataset::intrinsics::{Focal, Intrinsics};
+use crate::dataset::source::{DatasetSource, Origin, SourceFrame, split_beside};
 use crate::image::image_size;
 use crate::image::npy::decode_table;
 use crate::read_file::read_file;
 
-pub(super) const TABLE: &str = "poses_bounds.npy";
+pub(in crate::dataset) const TABLE: &str = "poses_bounds.npy";
 /// Numbers of a row: 15 of the pose, 2 bounds.
 const COLUMNS: usize = 17;
 /// Pixels by which a reduced image's sides may be rounded.
@@ -41,7 +41,7 @@ pub struct BoundedPose {
 }
 
 /// Returns whether the folder has this layout, by names only.
-pub(super) fn is_one(folder: &Path) -> bool {
+pub(in crate::dataset) fn is_one(folder: &Path) -> bool {
     folder.join(TABLE).is_file() && image_folder(folder).is_some()
 }
 
@@ -74,7 +74,7 @@ pub fn parse_poses_bounds(path: &Path, bytes: &[u8]) -> Result<Vec<BoundedPose>,
 }
 
 /// Reads the table and finds the images.
-pub(super) fn poses_bounds_source(folder: &Path) -> Result<DatasetSource, IoError> {
+pub(in crate::dataset) fn poses_bounds_source(folder: &Path) -> Result<DatasetSource, IoError> {
     let path = folder.join(TABLE);
     let table = parse_poses_bounds(&path, &read_file(&path)?)?;
     let Some(of_images) = image_folder(folder) else {

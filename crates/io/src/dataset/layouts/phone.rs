@@ -14,13 +14,13 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde_json::{Map, Value};
 
-use super::Supervision;
-use super::files::{is_image, without_extension};
-use super::intrinsics::LensImage;
-use super::json_fields::{Fields, kind_of, parse_json};
-use super::posed::{CameraFile, PosedCamera, PosedLens, from_opengl, rigid};
-use super::source::DatasetSource;
 use crate::IoError;
+use crate::dataset::Supervision;
+use crate::dataset::files::{is_image, without_extension};
+use crate::dataset::intrinsics::LensImage;
+use crate::dataset::json_fields::{Fields, kind_of, parse_json};
+use crate::dataset::posed::{CameraFile, PosedCamera, PosedLens, from_opengl, rigid};
+use crate::dataset::source::DatasetSource;
 use crate::lens::Lens;
 use crate::read_file::read_file;
 
@@ -28,13 +28,13 @@ use crate::read_file::read_file;
 const POLYCAM: [[&str; 2]; 2] = [["corrected_cameras", "corrected_images"], ["cameras", "images"]];
 
 /// Folders of cameras and images of an export.
-pub(super) struct PolycamFolders {
+pub(in crate::dataset) struct PolycamFolders {
     cameras: PathBuf,
     images: PathBuf,
 }
 
 /// Returns the folders of a Polycam export at `folder`, which is the export or its `keyframes`.
-pub(super) fn polycam_folders(folder: &Path) -> Option<PolycamFolders> {
+pub(in crate::dataset) fn polycam_folders(folder: &Path) -> Option<PolycamFolders> {
     let roots = [folder.join("keyframes"), folder.to_path_buf()];
     let pairs = roots.iter().flat_map(|root| POLYCAM.map(|[cameras, images]| [root.join(cameras), root.join(images)]));
     pairs
@@ -58,7 +58,7 @@ fn files(folder: &Path, is_one: impl Fn(&str) -> bool) -> Result<Vec<PathBuf>, I
 }
 
 /// Reads a Polycam export.
-pub(super) fn polycam_source(folder: &Path, supervision: Supervision) -> Result<DatasetSource, IoError> {
+pub(in crate::dataset) fn polycam_source(folder: &Path, supervision: Supervision) -> Result<DatasetSource, IoError> {
     let Some(PolycamFolders { cameras, images }) = polycam_folders(folder) else {
         return Err(IoError::invalid(
             folder,
@@ -111,7 +111,7 @@ fn object<'a>(path: &Path, root: &'a Value) -> Result<&'a Map<String, Value>, Io
 }
 
 /// Returns the metadata of a Record3D export at `folder`, which is the export or holds it.
-pub(super) fn record3d_metadata(folder: &Path) -> Option<PathBuf> {
+pub(in crate::dataset) fn record3d_metadata(folder: &Path) -> Option<PathBuf> {
     let roots = [folder.to_path_buf(), folder.join("EXR_RGBD")];
     let is_export = |root: &&PathBuf| root.join("rgb").is_dir();
     let files = |root: &PathBuf| ["metadata.json", "metadata"].map(|name| root.join(name));
@@ -119,7 +119,7 @@ pub(super) fn record3d_metadata(folder: &Path) -> Option<PathBuf> {
 }
 
 /// Reads a Record3D export.
-pub(super) fn record3d_source(folder: &Path, supervision: Supervision) -> Result<DatasetSource, IoError> {
+pub(in crate::dataset) fn record3d_source(folder: &Path, supervision: Supervision) -> Result<DatasetSource, IoError> {
     let Some(path) = record3d_metadata(folder) else {
         return Err(IoError::invalid(folder, "no Record3D export: expected metadata.json beside rgb/ (export as \"EXR + RGB\")"));
     };
