@@ -8,6 +8,7 @@
 mod ahead;
 mod average;
 mod camera_response;
+mod companion;
 mod config;
 mod contribution;
 mod crop;

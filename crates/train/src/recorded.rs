@@ -7,10 +7,10 @@
 //! with it.
 
 use luxel_core::response::{BLACK, SATURATED};
-use luxel_core::{Knots, Mask, PixelValues, RadianceScale, Response, ToneCurve, View};
+use luxel_core::{Dataset, Knots, Mask, PixelValues, RadianceScale, Response, ToneCurve, View};
 
-use crate::TrainError;
 use crate::camera_response::exposure_of;
+use crate::{TrainConfig, TrainError};
 
 /// Returns whether the training views are captured values; either all are, or none is.
 pub(crate) fn is_recorded(train: &[View]) -> Result<bool, TrainError> {
@@ -24,6 +24,12 @@ pub(crate) fn is_recorded(train: &[View]) -> Result<bool, TrainError> {
         }
     }
     Ok(!recorded.is_empty())
+}
+
+/// Returns whether a run learns the response of a camera: of captured images, unless its method has
+/// networks for that.
+pub(crate) fn learns_response(dataset: &Dataset, config: &TrainConfig) -> Result<bool, TrainError> {
+    Ok(is_recorded(&dataset.train)? && !config.method.has_own_networks())
 }
 
 /// Returns the curve through which the loss sees `view` of gain `gain`, or `None` if the view is

@@ -7,11 +7,11 @@ use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
 use crate::camera_response::CameraResponse;
+use crate::companion::{self, RunOf};
 use crate::config::ExposureCompensation;
 use crate::crop::{Crop, Shape};
 use crate::gains::Gains;
 use crate::poses::{Corrections, Poses};
-use crate::recorded::is_recorded;
 use crate::step_method::{MethodState, StepMethods, resumed};
 use crate::validation_views::Fit;
 use crate::view_order::{Cursors, first_order};
@@ -74,11 +74,6 @@ pub(crate) struct State {
     cursor: Cursors,
 }
 
-/// Returns the poses of a data set's training views, around a scene of this extent.
-pub(crate) fn poses_of(dataset: &Dataset, extent: f32) -> Poses {
-    Poses::new(dataset.train.iter().map(|view| view.camera.clone()).collect(), extent)
-}
-
 /// The starting point of a run.
 pub(crate) struct Start {
     pub(crate) config: TrainConfig,
@@ -108,7 +103,7 @@ impl State {
             response,
             vignetting: config.vignetting.then(|| Vignettings::none(&Lenses::new(dataset))),
             networks: None,
-            poses: config.refine_poses.then(|| Corrections::none(&poses_of(dataset, extent), config.refine_focal)),
+            poses: config.refine_poses.then(|| Corrections::none(&Poses::of_views(dataset, extent), config.refine_focal)),
             clearances,
             fit: None,
             order,
@@ -176,25 +171,10 @@ impl State {
             let (found, expected) = (state.clearances.len(), dataset.train.len());
             return Err(TrainError::State(format!("free space around {found} cameras, expected {expected}")));
         }
-        if let Some(gains) = &state.gains {
-            gains.validate(dataset.train.len())?;
-        }
-        if let Some(vignetting) = &state.vignetting {
-            vignetting.validate(&Lenses::new(dataset))?;
-        }
-        if state.vignetting.is_some() != state.config.vignetting {
-            return Err(TrainError::State("vignetting is missing, or is there without being asked for".to_owned()));
-        }
-        if let Some(corrections) = &state.poses {
-            corrections.validate(&poses_of(dataset, state.extent), state.config.refine_focal)?;
-        }
-        if state.poses.is_some() != state.config.refine_poses {
-            return Err(TrainError::State("corrections of poses are missing, or are there without being asked for".to_owned()));
-        }
-        let (is_compensated, wanted) = (state.gains.is_some(), state.config.exposure_compensation != ExposureCompensation::Off);
-        if is_compensated != wanted {
-            return Err(TrainError::State("gains are missing, or are there without being asked for".to_owned()));
-        }
+        let run = state.run_of(dataset);
+        companion::check(state.gains.as_ref(), &run)?;
+        companion::check(state.vignetting.as_ref(), &run)?;
+        companion::check(state.poses.as_ref(), &run)?;
         Ok(state)
     }
 
@@ -206,13 +186,12 @@ impl State {
         if !self.cursor.fit(&self.order, dataset.train.len(), self.config.batch as usize) {
             return Err(TrainError::State(format!("the order of views is not one of the data set's {} views", dataset.train.len())));
         }
-        if let Some(response) = &self.response {
-            response.validate()?;
-        }
-        if self.response.is_some() != learns_response(dataset, &self.config)? {
-            return Err(TrainError::State("a camera's response is missing, or is there without being asked for".to_owned()));
-        }
-        Ok(())
+        companion::check(self.response.as_ref(), &self.run_of(dataset))
+    }
+
+    /// Returns the run that the companions are of, on a data set.
+    fn run_of<'a>(&'a self, dataset: &'a Dataset) -> RunOf<'a> {
+        RunOf { dataset, config: &self.config, extent: self.extent }
     }
 
     pub(crate) fn parse(json: &str) -> Result<Self, TrainError> {
@@ -255,12 +234,6 @@ pub fn snapshot_response(snapshot: &Snapshot, methods: &dyn StepMethods) -> Resu
     }
     let method = resumed(methods, networks.as_ref(), &config, snapshot.scene.splats.len())?;
     Ok(method.and_then(|method| method.response()))
-}
-
-/// Returns whether a run learns the response of a camera: of captured images, unless its method has
-/// networks for that.
-pub(crate) fn learns_response(dataset: &Dataset, config: &TrainConfig) -> Result<bool, TrainError> {
-    Ok(is_recorded(&dataset.train)? && !config.method.has_own_networks())
 }
 
 /// Returns the vignetting of each lens in a snapshot of a run on `dataset`; empty if it is not

@@ -9,8 +9,8 @@ use luxel_core::{Dataset, Knots, RadianceScale, RasterConfig, StepReport, View};
 
 use crate::camera_response::CameraResponse;
 use crate::pixel_weights::ToneScale;
-use crate::recorded::is_recorded;
-use crate::state::{Start, State, learns_response};
+use crate::recorded::{is_recorded, learns_response};
+use crate::state::{Start, State};
 use crate::trainer::{SlotView, check_views, scene_extent, view_of};
 use crate::views::{TrainingViews, pixels};
 use crate::{Initial, MethodState, Schedule, TrainConfig, TrainError, initialise};

@@ -25,7 +25,7 @@ pub use align::{ALIGNMENT_STEPS, AlignmentScene, align_camera};
 
 use glam::DVec3;
 use luxel_core::engine::{CameraGradient, NumberAdam};
-use luxel_core::{Camera, CameraMotion};
+use luxel_core::{Camera, CameraMotion, Dataset};
 use serde::{Deserialize, Serialize};
 
 use self::gauge::Gauge;
@@ -225,6 +225,11 @@ impl Focal {
 }
 
 impl Poses {
+    /// Returns the poses of a data set's training views, around a scene of this extent.
+    pub(crate) fn of_views(dataset: &Dataset, extent: f32) -> Self {
+        Self::new(dataset.train.iter().map(|view| view.camera.clone()).collect(), extent)
+    }
+
     /// Returns the poses of cameras at full resolution, around a scene of this extent.
     pub(crate) fn new(given: Vec<Camera>, extent: f32) -> Self {
         let groups = groups_by_lens(&given);

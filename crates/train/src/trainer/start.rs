@@ -12,9 +12,10 @@ use super::{Trainer, VecDeque};
 use crate::average::Average;
 use crate::camera_response::CameraResponse;
 use crate::pixel_weights::ToneScale;
-use crate::recorded::is_recorded;
+use crate::poses::Poses;
+use crate::recorded::{is_recorded, learns_response};
 use crate::reduce::BatchMean;
-use crate::state::{Start, State, learns_response, poses_of};
+use crate::state::{Start, State};
 use crate::step_method::{StepMethod, StepMethods, TrainingMeans, resumed};
 use crate::validation_views::validation_views;
 use crate::views::{TrainingViews, largest_px};
@@ -151,7 +152,7 @@ impl Trainer {
             None => engine,
             Some(method) => method.rendering(engine),
         };
-        let poses = state.poses.is_some().then(|| poses_of(dataset, state.extent));
+        let poses = state.poses.is_some().then(|| Poses::of_views(dataset, state.extent));
         let has_validation = config.has_validation_views() && state.response.is_none();
         let validation = if has_validation { validation_views(&dataset.train, config.validation_share, state.extent) } else { Vec::new() };
         let mut trainer = Self {
