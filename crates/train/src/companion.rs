@@ -39,8 +39,8 @@ pub(crate) fn check<C: Companion>(stored: Option<&C>, run: &RunOf<'_>) -> Result
     match (stored, C::is_of(run)?) {
         (Some(companion), true) => companion.validate_for(run),
         (None, false) => Ok(()),
-        (None, true) => Err(TrainError::State(format!("{}: expected in this run's state, and missing", C::NAME))),
-        (Some(_), false) => Err(TrainError::State(format!("{}: in the state, and the run does not train them", C::NAME))),
+        (None, true) => Err(TrainError::State(format!("{}: expected in the state of this run, and missing", C::NAME))),
+        (Some(_), false) => Err(TrainError::State(format!("{}: found in the state of a run that does not train with them", C::NAME))),
     }
 }
 
