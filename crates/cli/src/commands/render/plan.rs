@@ -1,4 +1,5 @@
-//! The plan of `luxel render`: what a command line asks for, decided once, before the scene is read.
+//! The plan of `luxel render`: what a command line asks for, decided once, before the scene is
+//! read.
 //!
 //! In: the arguments. Out: a part for each room that makes something: cameras, edits, images,
 //! files, video. Errors: options that contradict each other whatever the scene is, a display that
