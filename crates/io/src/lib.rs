@@ -17,6 +17,7 @@ mod error;
 mod gltf;
 mod icc;
 mod image;
+mod input;
 mod joined;
 mod lens;
 mod lights;

@@ -7,6 +7,7 @@ use luxel_core::{Antialias, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Re
 
 use crate::byte_order_mark::bytes_without_mark;
 use crate::image::image_format;
+use crate::input::Input;
 use crate::read_file::{open_regular, read_file};
 use crate::{IoError, gltf, ply, sog, spz, usd};
 
@@ -106,30 +107,30 @@ pub fn read_scene_file(path: &Path) -> Result<SceneFile, IoError> {
         Some(SceneFormat::Spz) => spz::read_scene_file(path),
         // Files that call themselves PLY get that reader's message.
         None if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) => ply::read_scene_file(path),
-        None => Err(not_a_scene(path, &head)),
+        None => Err(not_a_scene(Input::new(path, &head))),
     }
 }
 
 /// Names the format of a file that is no scene, or what it begins with.
-fn not_a_scene(path: &Path, head: &[u8]) -> IoError {
-    if let Some(refused) = refused_scene(path, head) {
+fn not_a_scene(input: Input<'_>) -> IoError {
+    if let Some(refused) = refused_scene(input) {
         return refused;
     }
     const SCENES: &str = "expected a scene: PLY, OpenUSD, binary glTF, SPZ or SOG";
-    if let Some(format) = image_format(path, head) {
+    if let Some(format) = image_format(input) {
         let message = format!("{format}, and no scene, {SCENES}");
-        return IoError::unsupported(path, message).with_remedy(Remedy::advice("info describes images and compare measures them"));
+        return input.unsupported(message).with_remedy(Remedy::advice("info describes images and compare measures them"));
     }
-    let found: Vec<_> = head.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+    let found: Vec<_> = input.bytes.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
     let message = format!("begins with bytes {}, {SCENES}; convert it to one of these", found.join(" "));
-    IoError::unsupported(path, message)
+    input.unsupported(message)
 }
 
 /// Returns the refusal of a file that holds splats in a format that is not read; `None` for any
 /// other file. Most of these formats have no first bytes to know them by: their extension says what
 /// they are.
-pub(crate) fn refused_scene(path: &Path, head: &[u8]) -> Option<IoError> {
-    let extension = path.extension()?.to_str()?.to_ascii_lowercase();
+pub(crate) fn refused_scene(input: Input<'_>) -> Option<IoError> {
+    let extension = input.name.extension()?.to_str()?.to_ascii_lowercase();
     let convert = "convert it to .ply with the program it is from, or with splat-transform";
     let message = match extension.as_str() {
         "splat" => format!(".splat holds splats without harmonics, in bytes, and is not read; {convert}"),
@@ -137,12 +138,12 @@ pub(crate) fn refused_scene(path: &Path, head: &[u8]) -> Option<IoError> {
         "rad" | "lcc" => format!(".{extension} is not read; {convert}"),
         "gltf" => "glTF as text with its numbers in other files is not read; export it as one binary file, .glb".to_owned(),
         "html" | "htm" => "a page with a scene in it is for browsers and is not read; use the scene that it was made from".to_owned(),
-        "json" if head.trim_ascii_start().starts_with(b"{") && path.file_name().is_some_and(|name| name == "meta.json") => {
+        "json" if input.bytes.trim_ascii_start().starts_with(b"{") && input.name.file_name().is_some_and(|name| name == "meta.json") => {
             "the description of an unpacked SOG, which is read from its one file .sog; bundle it with splat-transform".to_owned()
         }
         _ => return None,
     };
-    Some(IoError::unsupported(path, message))
+    Some(input.unsupported(message))
 }
 
 #[cfg(test)]
@@ -153,17 +154,17 @@ mod tests {
     fn scenes_of_formats_that_are_not_read_are_refused_by_their_names() {
         for (name, part) in [("a.splat", "without harmonics"), ("a.ksplat", "GaussianSplats3D"), ("a.gltf", ".glb"), ("a.html", "browsers")]
         {
-            let error = not_a_scene(Path::new(name), b"{}").to_string();
+            let error = not_a_scene(Input::new(name, b"{}")).to_string();
             assert!(error.contains(part) && error.contains("is not read"), "{error}");
         }
-        assert!(not_a_scene(Path::new("a.bin"), &[1, 2]).to_string().contains("begins with bytes 01 02"));
+        assert!(not_a_scene(Input::new("a.bin", &[1, 2])).to_string().contains("begins with bytes 01 02"));
         for (head, part) in [
             (&b"\x76\x2f\x31\x01"[..], "an OpenEXR image"),
             (b"\x89PNG\r\n\x1a\n", "a PNG image"),
             (b"\0\0\0\x18ftypheic", "HEIC"),
             (b"8BPS", "Photoshop"),
         ] {
-            let error = not_a_scene(Path::new("a.bin"), head);
+            let error = not_a_scene(Input::new("a.bin", head));
             assert!(error.message.contains(part) && error.message.contains("expected a scene") && error.remedy.is_some(), "{error}");
         }
     }

@@ -14,6 +14,7 @@ use crate::image::colorimetry::convert;
 use crate::image::{
     DecodedImage, ReadOptions, SampleDepth, decode_codes_of, decode_image, downscale, downscale_masked, lost_field, straighten, undistort,
 };
+use crate::input::Input;
 use crate::lens::PreparedLens;
 use crate::photo::exif_of_file;
 use crate::read_file::read_file;
@@ -150,7 +151,7 @@ fn decode(frame: &SourceFrame, bytes: &[u8], options: &LoadOptions) -> Result<(D
         return Ok((decoded, PixelValues::Radiance));
     }
     // The samples as they are, over their maximum: the curve that made them is to be recovered.
-    let mut decoded = decode_codes_of(&frame.image, bytes, options.layer.as_deref())?;
+    let mut decoded = decode_codes_of(Input::new(&frame.image, bytes), options.layer.as_deref())?;
     match (decoded.depth, frame.exposure_s, frame.part) {
         (SampleDepth::Float, _, Some(Part::Train)) => {
             let found = frame.image.display();

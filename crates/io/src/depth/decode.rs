@@ -5,6 +5,7 @@ use std::path::Path;
 use super::{DepthMap, pfm};
 use crate::IoError;
 use crate::image::{SampleDepth, decode_codes, guard, npy, openexr};
+use crate::input::Input;
 
 /// First bytes of OpenEXR.
 const EXR: &[u8] = &[0x76, 0x2f, 0x31, 0x01];
@@ -16,14 +17,15 @@ const NPY: &[u8] = b"\x93NUMPY";
 /// # Errors
 /// A damaged file, a file without depth, or an image of 8 bits, which is a preview.
 pub fn decode_depth_map(name: &Path, bytes: &[u8]) -> Result<DepthMap, IoError> {
+    let input = Input::new(name, bytes);
     let (size_px, values, integer_bits) = if pfm::is_pfm(bytes) {
-        let (size, values) = pfm::decode(name, bytes)?;
+        let (size, values) = pfm::decode(input)?;
         (size, values, None)
     } else if bytes.starts_with(EXR) {
-        let (size, values) = guard::contain(name, || openexr::decode_depth(name, bytes))?;
+        let (size, values) = guard::contain(name, || openexr::decode_depth(input))?;
         (size, values, None)
     } else if bytes.starts_with(NPY) {
-        let (size, values) = npy::decode_depth(name, bytes)?;
+        let (size, values) = npy::decode_depth(input)?;
         (size, values, None)
     } else {
         let decoded = decode_codes(name, bytes)?;
@@ -38,10 +40,9 @@ pub fn decode_depth_map(name: &Path, bytes: &[u8]) -> Result<DepthMap, IoError> 
             }
             low @ (SampleDepth::Integer8 | SampleDepth::FewBits(_)) => {
                 let bits = low.integer_bits().unwrap_or(8);
-                return Err(IoError::unsupported(
-                    name,
-                    format!("an image of {bits} bits, expected 16 or floating point: so few are a picture of depth; export the numbers"),
-                ));
+                return Err(input.unsupported(format!(
+                    "an image of {bits} bits, expected 16 or floating point: so few are a picture of depth; export the numbers"
+                )));
             }
         }
     };

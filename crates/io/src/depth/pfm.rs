@@ -2,10 +2,8 @@
 //! height and a scale whose sign is the byte order (negative: little-endian), then rows from the
 //! bottom.
 
-use std::path::Path;
-
 use crate::IoError;
-use crate::image::guard::check_size;
+use crate::input::Input;
 
 /// First bytes of a file.
 pub(super) fn is_pfm(bytes: &[u8]) -> bool {
@@ -13,9 +11,9 @@ pub(super) fn is_pfm(bytes: &[u8]) -> bool {
 }
 
 /// Decodes a file: width and height, and the values by row from the top.
-pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<([usize; 2], Vec<f32>), IoError> {
-    let invalid = |message: String| IoError::invalid(name, format!("PFM: {message}"));
-    let mut rest = bytes;
+pub(super) fn decode(input: Input<'_>) -> Result<([usize; 2], Vec<f32>), IoError> {
+    let invalid = |message: String| input.invalid(format!("PFM: {message}"));
+    let mut rest = input.bytes;
     let mut word = |what: &str| {
         // Words stand between single or several spaces; one follows the last.
         while let [first, more @ ..] = rest
@@ -41,7 +39,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<([usize; 2], Vec<f32>)
         .ok()
         .filter(|v: &f32| v.is_finite() && *v != 0.0)
         .ok_or_else(|| invalid(format!("scale {scale:?}, expected a number other than 0, negative for little-endian samples")))?;
-    check_size(name, size.map(u64::from), bytes.len() as u64)?;
+    input.check_size(size.map(u64::from))?;
     let [width, height] = size.map(|side| side as usize);
     let expected = width * height * channels * size_of::<f32>();
     if rest.len() != expected {
@@ -74,21 +72,21 @@ mod tests {
     fn rows_come_from_the_bottom_in_either_byte_order() {
         let values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
         let expected = ([3, 2], vec![4.0, 5.0, 6.0, 1.0, 2.0, 3.0]);
-        assert_eq!(decode(Path::new("a.pfm"), &file("Pf\n3 2\n-1.0\n", &values, true)).unwrap(), expected);
-        assert_eq!(decode(Path::new("a.pfm"), &file("Pf\n3 2\n1.0\n", &values, false)).unwrap(), expected);
-        let colour = decode(Path::new("a.pfm"), &file("PF 2 1 -1\n", &values, true)).unwrap();
+        assert_eq!(decode(Input::new("a.pfm", &file("Pf\n3 2\n-1.0\n", &values, true))).unwrap(), expected);
+        assert_eq!(decode(Input::new("a.pfm", &file("Pf\n3 2\n1.0\n", &values, false))).unwrap(), expected);
+        let colour = decode(Input::new("a.pfm", &file("PF 2 1 -1\n", &values, true))).unwrap();
         assert_eq!(colour, ([2, 1], vec![1.0, 4.0]));
     }
 
     #[test]
     fn what_is_wrong_is_named() {
-        let message = |header: &str| decode(Path::new("a.pfm"), &file(header, &[0.0; 6], true)).unwrap_err().message;
+        let message = |header: &str| decode(Input::new("a.pfm", &file(header, &[0.0; 6], true))).unwrap_err().message;
         assert!(message("Pf\n3 x\n-1\n").contains("\"x\", expected a height"));
         assert!(message("Pf\n3 2\n0\n").contains("scale \"0\""));
         assert!(message("Pf\n3 3\n-1\n").contains("24 bytes behind the header, expected 36"));
         assert!(message("Pf\n0 2\n-1\n").contains("size 0 x 2"));
         assert!(message("Pf\n99999 99999\n-1\n").contains("99999"));
-        assert!(decode(Path::new("a.pfm"), b"Pf\n3").unwrap_err().message.contains("the header ends, expected a width"));
+        assert!(decode(Input::new("a.pfm", b"Pf\n3")).unwrap_err().message.contains("the header ends, expected a width"));
     }
 
     proptest! {
@@ -97,7 +95,7 @@ mod tests {
             let mut bytes = file("Pf\n3 2\n-1.0\n", &[1.0; 6], true);
             let at = at.index(bytes.len());
             bytes[at] = byte;
-            let _ = decode(Path::new("a.pfm"), &bytes);
+            let _ = decode(Input::new("a.pfm", &bytes));
         }
     }
 }

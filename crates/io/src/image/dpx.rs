@@ -5,12 +5,10 @@
 //! "linear" is taken from it). Out: light. Refused with a remedy: run lengths, separate planes,
 //! video's subsampled colours, other orientations, samples packed across words.
 
-use std::path::Path;
-
-use super::guard::{check_size, zeroed};
 use super::samples::{Curve, LINEAR, SampleGrid, depth_warnings};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
+use crate::input::Input;
 
 /// First bytes of files with the most significant byte first, and last.
 pub(super) const SIGNATURES: [&[u8]; 2] = [b"SDPX", b"XPDS"];
@@ -59,17 +57,17 @@ impl Bytes<'_> {
 }
 
 impl Header {
-    fn read(name: &Path, bytes: &[u8]) -> Result<Self, IoError> {
-        let is_big_endian = bytes.starts_with(SIGNATURES[0]);
-        let short = || IoError::invalid(name, format!("DPX: cut short within its header of {HEADER_BYTES} bytes; copy it again"));
-        let refused = |message: String| Err(IoError::unsupported(name, format!("DPX: {message}")));
-        let all = Bytes { bytes, is_big_endian };
-        if bytes.len() < HEADER_BYTES {
+    fn read(input: Input<'_>) -> Result<Self, IoError> {
+        let is_big_endian = input.bytes.starts_with(SIGNATURES[0]);
+        let short = || input.invalid(format!("DPX: cut short within its header of {HEADER_BYTES} bytes; copy it again"));
+        let refused = |message: String| Err(input.unsupported(format!("DPX: {message}")));
+        let all = Bytes { bytes: input.bytes, is_big_endian };
+        if input.bytes.len() < HEADER_BYTES {
             return Err(short());
         }
         let u16 = |at| all.u16(at).ok_or_else(short);
         let u32 = |at| all.u32(at).ok_or_else(short);
-        let u8 = |at: usize| bytes.get(at).copied().ok_or_else(short);
+        let u8 = |at: usize| input.bytes.get(at).copied().ok_or_else(short);
         let (orientation, elements) = (u16(768)?, u16(770)?);
         if orientation != 0 && orientation != u16::MAX {
             return refused(format!("orientation {orientation}, expected 0, left to right and top to bottom; export it so"));
@@ -101,7 +99,7 @@ impl Header {
         let padding = u32(812)?;
         let row_padding = if padding == UNDEFINED { 0 } else { padding as usize };
         let size = [u32(772)?, u32(776)?];
-        check_size(name, size.map(u64::from), bytes.len() as u64)?;
+        input.check_size(size.map(u64::from))?;
         Ok(Self { is_big_endian, size, channels, bits, packing, is_linear: u8(801)? == 2, at, row_padding })
     }
 
@@ -118,39 +116,40 @@ impl Header {
 }
 
 /// Decodes a whole file.
-pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
-    let header = Header::read(name, bytes)?;
+pub(super) fn decode(input: Input<'_>, options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    let header = Header::read(input)?;
     let [width, height] = header.size.map(|s| s as usize);
     let row = header.row_bytes();
     let stride = row.saturating_add(header.row_padding);
     let end = stride.checked_mul(height - 1).and_then(|n| n.checked_add(row)?.checked_add(header.at));
-    if end.is_none_or(|end| end > bytes.len()) {
-        let message = format!("DPX: {} bytes, too few for {width} x {height} pixels of {} bits; copy it again", bytes.len(), header.bits);
-        return Err(IoError::invalid(name, message));
+    if end.is_none_or(|end| end > input.bytes.len()) {
+        let message =
+            format!("DPX: {} bytes, too few for {width} x {height} pixels of {} bits; copy it again", input.bytes.len(), header.bits);
+        return Err(input.invalid(message));
     }
     let samples = width * header.channels;
     let grid = SampleGrid { width, height, channels: header.channels };
-    let source = Bytes { bytes, is_big_endian: header.is_big_endian };
+    let source = Bytes { bytes: input.bytes, is_big_endian: header.is_big_endian };
     let row_at = |y: usize| header.at + y * stride;
     let count = samples * height;
     let (depth, curve, (image, alpha)) = if header.bits == 32 {
-        let mut floats = zeroed::<f32>(name, count)?;
+        let mut floats = input.zeroed::<f32>(count)?;
         for (i, value) in floats.iter_mut().enumerate() {
             *value = source.array(row_at(i / samples) + i % samples * 4).map_or(0.0, f32::from_be_bytes);
         }
-        (SampleDepth::Float, LINEAR, grid.assemble(name, &floats, |v| v, |v| v)?)
+        (SampleDepth::Float, LINEAR, grid.assemble(input, &floats, |v| v, |v| v)?)
     } else {
         let depth = if header.bits == 8 { SampleDepth::Integer8 } else { SampleDepth::Integer16 };
-        let mut codes = zeroed::<u16>(name, count)?;
+        let mut codes = input.zeroed::<u16>(count)?;
         for (i, code) in codes.iter_mut().enumerate() {
             *code = header.code(&source, row_at(i / samples), i % samples);
         }
         let stated = header.is_linear.then_some(Curve::Named(Transfer::Linear));
-        let curve = Curve::choose(name, options, stated, header.bits)?;
+        let curve = Curve::choose(input, options, stated, header.bits)?;
         let largest = f64::from((1u32 << header.bits) - 1);
         let table: Vec<f32> = (0..=u16::MAX).map(|code| curve.decode(f64::from(code) / largest)).collect();
         let light = |code: u16| table.get(usize::from(code)).copied().unwrap_or(f32::NAN);
-        (depth, curve, grid.assemble(name, &codes, light, |code| (f64::from(code) / largest) as f32)?)
+        (depth, curve, grid.assemble(input, &codes, light, |code| (f64::from(code) / largest) as f32)?)
     };
     Ok(DecodedImage {
         image,
@@ -187,8 +186,8 @@ pub(super) fn is_float(head: &[u8]) -> bool {
 }
 
 /// Returns width and height from the header.
-pub(super) fn size(name: &Path, bytes: &[u8]) -> Result<[u32; 2], IoError> {
-    Header::read(name, bytes).map(|header| header.size)
+pub(super) fn size(input: Input<'_>) -> Result<[u32; 2], IoError> {
+    Header::read(input).map(|header| header.size)
 }
 
 #[cfg(test)]
@@ -220,7 +219,7 @@ mod tests {
     const LINEAR: ReadOptions = ReadOptions { transfer: Some(Transfer::Linear), layer: None };
 
     fn pixels(bytes: &[u8], options: &ReadOptions) -> Result<Vec<[f32; 3]>, IoError> {
-        decode(Path::new("plate.dpx"), bytes, options).map(|decoded| decoded.image.pixels)
+        decode(Input::new("plate.dpx", bytes), options).map(|decoded| decoded.image.pixels)
     }
 
     #[test]

@@ -12,6 +12,7 @@ use ::exr::meta::attribute::AttributeValue;
 
 use super::{Format, HEAD_BYTES, guard, openexr};
 use crate::IoError;
+use crate::input::Input;
 use crate::read_file::open_regular;
 
 /// Attributes by name.
@@ -44,7 +45,7 @@ pub fn read_exr_attributes(path: &Path) -> Result<ExrAttributes, IoError> {
     let (file, _) = open_regular(path)?;
     let mut head = Vec::new();
     (&file).take(HEAD_BYTES).read_to_end(&mut head).map_err(|e| IoError::system(path, "read", &e))?;
-    match Format::detect(path, &head) {
+    match Format::detect(Input::new(path, &head)) {
         Ok(Format::OpenExr) => {
             (&file).rewind().map_err(|e| IoError::system(path, "read", &e))?;
             guard::contain(path, || attributes(path, file))

@@ -4,21 +4,20 @@
 //! Only DWA (DWAA and DWAB) has such heads. The other methods allocate what the block's rectangle
 //! takes, which `check_header` bounds.
 
-use std::path::Path;
-
 use ::exr::block::chunk::{Chunk, CompressedBlock};
 use ::exr::compression::Compression;
 use ::exr::error::Error as ExrError;
 use ::exr::meta::header::Header;
 
 use crate::IoError;
+use crate::input::Input;
 
 /// Counters at the start of a DWA block, little-endian u64 each: version, bytes of the sections,
 /// and numbers of values in them, in the order of OpenEXR's `internal_dwa_compressor.h`.
 const COUNTERS: usize = 11;
 
 /// Refuses a block that claims more values than its pixels have.
-pub(super) fn check_counts(name: &Path, chunk: &Chunk, headers: &[Header]) -> Result<(), IoError> {
+pub(super) fn check_counts(input: Input<'_>, chunk: &Chunk, headers: &[Header]) -> Result<(), IoError> {
     // A damaged file may have a block of another part here; the decoder goes by what the block
     // says.
     let Some(header) = headers.get(chunk.layer_index) else { return Ok(()) };
@@ -31,7 +30,7 @@ pub(super) fn check_counts(name: &Path, chunk: &Chunk, headers: &[Header]) -> Re
         // The decoder refuses these.
         CompressedBlock::DeepScanLine(_) | CompressedBlock::DeepTile(_) => return Ok(()),
     };
-    let damaged = |error: ExrError| IoError::invalid(name, format!("OpenEXR: {error}; the file is damaged, export it again"));
+    let damaged = |error: ExrError| input.invalid(format!("OpenEXR: {error}; the file is damaged, export it again"));
     let indices = header.get_block_data_indices(&chunk.compressed_block).map_err(damaged)?;
     let size = header.get_absolute_block_pixel_coordinates(indices).map_err(damaged)?.size;
     let raw = size.area().saturating_mul(header.channels.bytes_per_pixel) as u64;
@@ -57,7 +56,7 @@ pub(super) fn check_counts(name: &Path, chunk: &Chunk, headers: &[Header]) -> Re
                 size.width(),
                 size.height()
             );
-            return Err(IoError::invalid(name, message));
+            return Err(input.invalid(message));
         }
     }
     Ok(())

@@ -8,12 +8,11 @@
 //! name that beauty passes have ([`BEAUTY_NAMES`]). Whatever is passed over is named in a warning,
 //! and where these rules find no single picture, all of them are named in an error.
 
-use std::path::Path;
-
 use ::exr::meta::header::Header;
 use luxel_core::Remedy;
 
 use crate::IoError;
+use crate::input::Input;
 
 /// Names of beauty passes in the programs that write them: Nuke, Blender, Arnold, V-Ray, RenderMan,
 /// Houdini. Compared without regard to case.
@@ -119,9 +118,9 @@ fn is_one_of(name: &str, names: &[&str]) -> bool {
 }
 
 /// Returns the picture to read. `wanted`: names of its part, layer or view, separated by slashes.
-pub(super) fn find_picture(name: &Path, headers: &[Header], wanted: Option<&str>) -> Result<Picture, IoError> {
+pub(super) fn find_picture(input: Input<'_>, headers: &[Header], wanted: Option<&str>) -> Result<Picture, IoError> {
     let parts: Vec<PartNames> = headers.iter().map(PartNames::from_header).collect();
-    let unsupported = |message: String| IoError::unsupported(name, format!("OpenEXR: {message}"));
+    let unsupported = |message: String| input.unsupported(format!("OpenEXR: {message}"));
     choose(&parts, wanted).map_err(|refusal| {
         let error = unsupported(refusal.message);
         if refusal.helps_to_choose { error.with_remedy(Remedy::give("layer")) } else { error }

@@ -9,6 +9,7 @@ use std::sync::Once;
 use luxel_core::MAX_SIDE_PX;
 
 use crate::IoError;
+use crate::input::Input;
 use crate::memory::check_memory;
 
 /// Pixels that any file may claim, however short: a black 4096 x 4096 image in DWAB is a few
@@ -52,25 +53,33 @@ fn check_plausible(name: &Path, [width, height]: [u64; 2], file_bytes: u64) -> R
     Ok(())
 }
 
-/// Refuses blocks (tiles, groups of lines) that would decompress to more than a file of
-/// `file_bytes` can plausibly hold.
-pub(crate) fn check_block(name: &Path, block_bytes: u64, file_bytes: u64) -> Result<(), IoError> {
-    if block_bytes > FREE_BLOCK_BYTES.saturating_add(file_bytes.saturating_mul(BYTES_PER_BYTE)) {
-        let message =
-            format!("header: claims blocks of {block_bytes} bytes in a file of {file_bytes} bytes; the file is damaged, export it again");
-        return Err(IoError::invalid(name, message));
+impl Input<'_> {
+    /// Refuses sizes that [`check_size`] refuses for a file of this length.
+    pub(crate) fn check_size(self, size: [u64; 2]) -> Result<(), IoError> {
+        check_size(self.name, size, self.length())
     }
-    // The compressed bytes, their parts and the block, which decoders hold at the same time.
-    check_memory(name, block_bytes.saturating_mul(4))
+
+    /// Refuses blocks (tiles, groups of lines) that would decompress to more than a file of this
+    /// length can plausibly hold.
+    pub(crate) fn check_block(self, block_bytes: u64) -> Result<(), IoError> {
+        let file_bytes = self.length();
+        if block_bytes > FREE_BLOCK_BYTES.saturating_add(file_bytes.saturating_mul(BYTES_PER_BYTE)) {
+            return Err(self.invalid(format!(
+                "header: claims blocks of {block_bytes} bytes in a file of {file_bytes} bytes; the file is damaged, export it again"
+            )));
+        }
+        // The compressed bytes, their parts and the block, which decoders hold at the same time.
+        check_memory(self.name, block_bytes.saturating_mul(4))
+    }
+
+    /// Allocates `count` zeros, or returns an error where memory is short. Large requests are
+    /// served by untouched pages of the system.
+    pub(crate) fn zeroed<T: Clone + Default>(self, count: usize) -> Result<Vec<T>, IoError> {
+        zeros(count).map_err(|message| self.unsupported(message))
+    }
 }
 
-/// Allocates `count` zeros, or returns an error where memory is short. Large requests are served by
-/// untouched pages of the system.
-pub(crate) fn zeroed<T: Clone + Default>(name: &Path, count: usize) -> Result<Vec<T>, IoError> {
-    zeros(count).map_err(|message| IoError::unsupported(name, message))
-}
-
-/// Allocates as [`zeroed`] does, for decoders that know no name.
+/// Allocates as [`Input::zeroed`] does, for decoders that know no name.
 pub(crate) fn zeros<T: Clone + Default>(count: usize) -> Result<Vec<T>, String> {
     let mut probe = Vec::<T>::new();
     if probe.try_reserve_exact(count).is_err() {
@@ -132,6 +141,6 @@ mod tests {
         }
         assert!(check_size(name, [4096, 4096], 300).is_ok());
         assert!(check_plausible(name, [1 << 16, 1 << 16], 1 << 22).is_ok());
-        assert!(check_block(name, u64::MAX, 1000).is_err());
+        assert!(Input::new(name, &[0; 1000]).check_block(u64::MAX).is_err());
     }
 }

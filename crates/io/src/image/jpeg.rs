@@ -6,59 +6,58 @@
 //! by its markers.
 
 use std::io::Cursor;
-use std::path::Path;
 
 use image::codecs::jpeg::JpegDecoder;
 use image::{ColorType, ImageDecoder, ImageError};
 
 use super::colorimetry::settle_profile;
 use super::gain_map;
-use super::guard::{check_size, zeroed};
 use super::jpeg_markers::{Markers, segments};
 use super::samples::{Curve, LINEAR, NOT_HDR, SampleGrid, aspect_warning};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
+use crate::input::Input;
 
 /// Returns the samples as they are.
-pub(super) fn samples(name: &Path, bytes: &[u8]) -> Result<(SampleGrid, Vec<u8>), IoError> {
-    let markers = Markers::read(bytes);
-    let size = markers.size.ok_or_else(|| damaged(name, "no frame header with a size"))?;
-    check_size(name, size.map(u64::from), bytes.len() as u64)?;
+pub(super) fn samples(input: Input<'_>) -> Result<(SampleGrid, Vec<u8>), IoError> {
+    let markers = Markers::read(input.bytes);
+    let size = markers.size.ok_or_else(|| damaged(input, "no frame header with a size"))?;
+    input.check_size(size.map(u64::from))?;
     if !markers.is_complete {
-        return Err(damaged(name, "no end-of-image marker"));
+        return Err(damaged(input, "no end-of-image marker"));
     }
-    let decoder = JpegDecoder::new(Cursor::new(bytes)).map_err(|e| explain(name, &e))?;
+    let decoder = JpegDecoder::new(Cursor::new(input.bytes)).map_err(|e| explain(input, &e))?;
     let (width, height) = decoder.dimensions();
     if [width, height] != size {
-        return Err(damaged(name, "several frame headers of different sizes"));
+        return Err(damaged(input, "several frame headers of different sizes"));
     }
     let color = decoder.color_type();
     let channels = match color {
         ColorType::L8 | ColorType::Rgb8 => color.channel_count(),
-        _ => return Err(IoError::unsupported(name, format!("JPEG: colour type {color:?}; export it as 8-bit RGB"))),
+        _ => return Err(input.unsupported(format!("JPEG: colour type {color:?}; export it as 8-bit RGB"))),
     };
     let layout = SampleGrid { width: width as usize, height: height as usize, channels: channels.into() };
-    let mut samples = zeroed::<u8>(name, layout.width * layout.height * layout.channels)?;
-    decoder.read_image(&mut samples).map_err(|e| explain(name, &e))?;
+    let mut samples = input.zeroed::<u8>(layout.width * layout.height * layout.channels)?;
+    decoder.read_image(&mut samples).map_err(|e| explain(input, &e))?;
     Ok((layout, samples))
 }
 
 /// Returns the width, height and codes of red, green and blue.
-pub(super) fn codes(name: &Path, bytes: &[u8]) -> Result<(usize, usize, Vec<u8>), IoError> {
-    let (layout, samples) = samples(name, bytes)?;
+pub(super) fn codes(input: Input<'_>) -> Result<(usize, usize, Vec<u8>), IoError> {
+    let (layout, samples) = samples(input)?;
     let rgb = if layout.channels == 1 { samples.iter().flat_map(|v| [*v; 3]).collect() } else { samples };
     Ok((layout.width, layout.height, rgb))
 }
 
 /// Decodes a whole file.
-pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
-    let (layout, samples) = samples(name, bytes)?;
+pub(super) fn decode(input: Input<'_>, options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    let (layout, samples) = samples(input)?;
     let mut warnings = vec![NOT_HDR.to_string()];
     if options.transfer.is_none() {
         warnings.push("JPEG read as sRGB, its standard transfer curve".to_string());
     }
     let curve = Curve::Named(options.transfer.unwrap_or(Transfer::Srgb));
-    let (image, alpha) = layout.assemble8(name, &samples, curve)?;
+    let (image, alpha) = layout.assemble8(input, &samples, curve)?;
     let mut decoded = DecodedImage {
         image,
         alpha,
@@ -70,10 +69,10 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
         warnings,
     };
     if options.transfer.is_none() {
-        gain_map::apply(bytes, |picture| self::samples(name, picture), &mut decoded.image, &mut decoded.warnings)?;
+        gain_map::apply(input.bytes, |picture| self::samples(input.with_bytes(picture)), &mut decoded.image, &mut decoded.warnings)?;
     }
-    decoded.warnings.extend(aspect(bytes).and_then(aspect_warning));
-    settle_profile(&mut decoded, bytes);
+    decoded.warnings.extend(aspect(input.bytes).and_then(aspect_warning));
+    settle_profile(&mut decoded, input.bytes);
     Ok(decoded)
 }
 
@@ -90,17 +89,17 @@ fn aspect(bytes: &[u8]) -> Option<f64> {
 }
 
 /// Returns the size from the frame header.
-pub(super) fn size(name: &Path, bytes: &[u8]) -> Result<[u32; 2], IoError> {
-    Markers::read(bytes).size.ok_or_else(|| damaged(name, "no frame header with a size"))
+pub(super) fn size(input: Input<'_>) -> Result<[u32; 2], IoError> {
+    Markers::read(input.bytes).size.ok_or_else(|| damaged(input, "no frame header with a size"))
 }
 
-fn damaged(name: &Path, what: &str) -> IoError {
-    IoError::invalid(name, format!("JPEG: {what}; the file is damaged or cut short, copy or export it again"))
+fn damaged(input: Input<'_>, what: &str) -> IoError {
+    input.invalid(format!("JPEG: {what}; the file is damaged or cut short, copy or export it again"))
 }
 
-fn explain(name: &Path, error: &ImageError) -> IoError {
+fn explain(input: Input<'_>, error: &ImageError) -> IoError {
     match error {
-        ImageError::Unsupported(_) => IoError::unsupported(name, format!("JPEG: {error}; export it as 8-bit RGB")),
-        _ => damaged(name, &error.to_string()),
+        ImageError::Unsupported(_) => input.unsupported(format!("JPEG: {error}; export it as 8-bit RGB")),
+        _ => damaged(input, &error.to_string()),
     }
 }

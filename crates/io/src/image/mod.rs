@@ -50,6 +50,7 @@ use luxel_core::photo::StatedCurve;
 use luxel_core::{Chromaticities, ColorSpace, Image};
 
 use crate::IoError;
+use crate::input::Input;
 use crate::read_file::{open_regular, read_file};
 
 pub use display_encoding::{DisplayCurve, DisplayEncoding, DisplayPrimaries};
@@ -178,7 +179,7 @@ enum Format {
 }
 
 impl Format {
-    fn detect(name: &Path, head: &[u8]) -> Result<Self, IoError> {
+    fn detect(input: Input<'_>) -> Result<Self, IoError> {
         const MAGIC: [(&[u8], Format); 12] = [
             (&[0x76, 0x2f, 0x31, 0x01], Format::OpenExr),
             (b"#?RADIANCE", Format::Radiance),
@@ -193,29 +194,27 @@ impl Format {
             (dpx::SIGNATURES[0], Format::Dpx),
             (dpx::SIGNATURES[1], Format::Dpx),
         ];
-        if head.is_empty() {
-            return Err(IoError::invalid(name, "the file is empty, expected an image; copy or export it again"));
+        if input.bytes.is_empty() {
+            return Err(input.invalid("the file is empty, expected an image; copy or export it again"));
         }
-        MAGIC.iter().find(|(magic, _)| head.starts_with(magic)).map(|&(_, format)| format).ok_or_else(|| {
-            if let Some(refused) = refused::known_by_name(name, head) {
+        MAGIC.iter().find(|(magic, _)| input.bytes.starts_with(magic)).map(|&(_, format)| format).ok_or_else(|| {
+            if let Some(refused) = refused::known_by_name(input) {
                 return refused;
             }
-            let found: Vec<_> = head.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
-            IoError::unsupported(
-                name,
-                format!(
-                    "not an image of a known format: begins with bytes {}, expected OpenEXR, Radiance HDR, TIFF, PNG, JPEG, DPX or NumPy's .npy; export it as one of these",
-                    found.join(" ")
-                ),
-            )
+            let found: Vec<_> = input.bytes.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+            input.unsupported(format!(
+                "not an image of a known format: begins with bytes {}, expected OpenEXR, Radiance HDR, TIFF, PNG, JPEG, DPX or NumPy's .npy; \
+                 export it as one of these",
+                found.join(" ")
+            ))
         })
     }
 }
 
 /// Returns what a file's first bytes say of the image or the video that it is; `None` for one that
 /// is neither.
-pub(crate) fn image_format(name: &Path, head: &[u8]) -> Option<String> {
-    let named = match Format::detect(name, head) {
+pub(crate) fn image_format(input: Input<'_>) -> Option<String> {
+    let named = match Format::detect(input) {
         Ok(Format::OpenExr) => "an OpenEXR image",
         Ok(Format::Radiance) => "a Radiance HDR image",
         Ok(Format::Tiff) => "a TIFF or DNG image",
@@ -224,7 +223,7 @@ pub(crate) fn image_format(name: &Path, head: &[u8]) -> Option<String> {
         Ok(Format::Npy) => "a NumPy array",
         Ok(Format::Dpx) => "a DPX image",
         // Only its name: what to do with it is for a scene.
-        Err(_) => refused::other_picture(head)?.split([',', ';']).next()?,
+        Err(_) => refused::other_picture(input.bytes)?.split([',', ';']).next()?,
     };
     Some(named.to_owned())
 }
@@ -243,7 +242,7 @@ fn read_known(path: &Path) -> Result<Vec<u8>, IoError> {
     let mut head = Vec::new();
     let (file, _) = open_regular(path)?;
     file.take(HEAD_BYTES).read_to_end(&mut head).map_err(|e| IoError::system(path, "read", &e))?;
-    Format::detect(path, &head)?;
+    Format::detect(Input::new(path, &head))?;
     read_file(path)
 }
 
@@ -252,20 +251,21 @@ fn read_known(path: &Path) -> Result<Vec<u8>, IoError> {
 /// # Errors
 /// The same as [`read_image`].
 pub fn decode_image(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
-    let format = Format::detect(name, bytes)?;
+    let input = Input::new(name, bytes);
+    let format = Format::detect(input)?;
     if let Some(transfer) = options.transfer
         && let Some(primaries) = transfer.plate_primaries()
     {
-        return guard::contain(name, || plate::decode(name, bytes, format, options, transfer, &primaries));
+        return guard::contain(name, || plate::decode(input, format, options, transfer, &primaries));
     }
     guard::contain(name, || match format {
-        Format::OpenExr => openexr::decode(name, bytes, options),
-        Format::Radiance => radiance::decode(name, bytes),
-        Format::Tiff => tiff::decode(name, bytes, options),
-        Format::Png => png::decode(name, bytes, options),
-        Format::Jpeg => jpeg::decode(name, bytes, options),
-        Format::Npy => npy::decode(name, bytes),
-        Format::Dpx => dpx::decode(name, bytes, options),
+        Format::OpenExr => openexr::decode(input, options),
+        Format::Radiance => radiance::decode(input),
+        Format::Tiff => tiff::decode(input, options),
+        Format::Png => png::decode(input, options),
+        Format::Jpeg => jpeg::decode(input, options),
+        Format::Npy => npy::decode(input),
+        Format::Dpx => dpx::decode(input, options),
     })
 }
 
@@ -284,18 +284,18 @@ pub fn read_codes(path: &Path) -> Result<DecodedImage, IoError> {
 /// # Errors
 /// The same as [`read_image`].
 pub fn decode_codes(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
-    decode_codes_of(name, bytes, None)
+    decode_codes_of(Input::new(name, bytes), None)
 }
 
 /// Decodes as [`decode_codes`], an OpenEXR file's layer by [`ReadOptions::layer`].
 ///
 /// # Errors
 /// The same as [`read_image`].
-pub(crate) fn decode_codes_of(name: &Path, bytes: &[u8], layer: Option<&str>) -> Result<DecodedImage, IoError> {
-    match Format::detect(name, bytes)? {
-        Format::Png => guard::contain(name, || png::decode_codes(name, bytes)),
-        Format::Tiff => guard::contain(name, || tiff::decode_codes(name, bytes)),
-        _ => decode_image(name, bytes, &ReadOptions { transfer: Some(Transfer::Linear), layer: layer.map(str::to_owned) }),
+pub(crate) fn decode_codes_of(input: Input<'_>, layer: Option<&str>) -> Result<DecodedImage, IoError> {
+    match Format::detect(input)? {
+        Format::Png => guard::contain(input.name, || png::decode_codes(input)),
+        Format::Tiff => guard::contain(input.name, || tiff::decode_codes(input)),
+        _ => decode_image(input.name, input.bytes, &ReadOptions { transfer: Some(Transfer::Linear), layer: layer.map(str::to_owned) }),
     }
 }
 
@@ -308,11 +308,12 @@ pub fn image_size(path: &Path) -> Result<[u32; 2], IoError> {
     let (file, length) = open_regular(path)?;
     let mut head = Vec::new();
     file.take(HEAD_BYTES).read_to_end(&mut head).map_err(|e| IoError::system(path, "read", &e))?;
-    let format = Format::detect(path, &head)?;
+    let start = Input::new(path, &head);
+    let format = Format::detect(start)?;
     let size = guard::contain(path, || match format {
-        Format::Png => png::size(path, &head),
-        Format::Jpeg => jpeg::size(path, &read_file(path)?),
-        Format::Dpx => dpx::size(path, &head),
+        Format::Png => png::size(start),
+        Format::Jpeg => jpeg::size(Input::new(path, &read_file(path)?)),
+        Format::Dpx => dpx::size(start),
         _ => stream_size(path, format, open_regular(path)?.0),
     })?;
     guard::check_size(path, size.map(u64::from), length)?;
@@ -320,15 +321,14 @@ pub fn image_size(path: &Path) -> Result<[u32; 2], IoError> {
 }
 
 /// Returns the [`image_size`] of a file in memory.
-pub(crate) fn image_size_of(name: &Path, bytes: &[u8]) -> Result<[u32; 2], IoError> {
-    let format = Format::detect(name, bytes)?;
-    let size = match format {
-        Format::Png => png::size(name, bytes)?,
-        Format::Jpeg => jpeg::size(name, bytes)?,
-        Format::Dpx => dpx::size(name, bytes)?,
-        _ => stream_size(name, format, std::io::Cursor::new(bytes))?,
+pub(crate) fn image_size_of(input: Input<'_>) -> Result<[u32; 2], IoError> {
+    let size = match Format::detect(input)? {
+        Format::Png => png::size(input)?,
+        Format::Jpeg => jpeg::size(input)?,
+        Format::Dpx => dpx::size(input)?,
+        format => stream_size(input.name, format, std::io::Cursor::new(input.bytes))?,
     };
-    guard::check_size(name, size.map(u64::from), bytes.len() as u64)?;
+    input.check_size(size.map(u64::from))?;
     Ok(size)
 }
 
@@ -340,7 +340,7 @@ pub fn holds_radiance(path: &Path) -> bool {
     if file.by_ref().take(HEAD_BYTES).read_to_end(&mut head).is_err() {
         return false;
     }
-    match Format::detect(path, &head) {
+    match Format::detect(Input::new(path, &head)) {
         Ok(Format::OpenExr | Format::Radiance | Format::Npy) => true,
         Ok(Format::Tiff) => file.rewind().is_ok() && guard::contain(path, || Ok(tiff_samples::is_float(file))).unwrap_or(false),
         Ok(Format::Dpx) => dpx::is_float(&head),
@@ -360,35 +360,35 @@ fn stream_size(name: &Path, format: Format, file: impl Read + Seek) -> Result<[u
 
 /// Returns the width, height and codes of red, green and blue of a JPEG; `None` if the file is
 /// none.
-pub(crate) fn jpeg_codes(name: &Path, bytes: &[u8]) -> Result<Option<(usize, usize, Vec<u8>)>, IoError> {
-    if Format::detect(name, bytes)? != Format::Jpeg {
+pub(crate) fn jpeg_codes(input: Input<'_>) -> Result<Option<(usize, usize, Vec<u8>)>, IoError> {
+    if Format::detect(input)? != Format::Jpeg {
         return Ok(None);
     }
-    guard::contain(name, || jpeg::codes(name, bytes)).map(Some)
+    guard::contain(input.name, || jpeg::codes(input)).map(Some)
 }
 
 /// Returns whether a picture of integer samples holds light beyond white by the curve that it
 /// states.
-pub(crate) fn states_hdr_curve(name: &Path, bytes: &[u8]) -> bool {
-    matches!(Format::detect(name, bytes), Ok(Format::Png)) && png::states_hdr_curve(name, bytes)
+pub(crate) fn states_hdr_curve(input: Input<'_>) -> bool {
+    matches!(Format::detect(input), Ok(Format::Png)) && png::states_hdr_curve(input)
 }
 
 /// Returns whether a picture has a gain map beside it.
-pub(crate) fn has_gain_map(name: &Path, bytes: &[u8]) -> bool {
-    matches!(Format::detect(name, bytes), Ok(Format::Jpeg)) && gain_map::is_in(bytes)
+pub(crate) fn has_gain_map(input: Input<'_>) -> bool {
+    matches!(Format::detect(input), Ok(Format::Jpeg)) && gain_map::is_in(input.bytes)
 }
 
 /// Returns the curve between codes and light that an integer picture states.
-pub(crate) fn stated_curve(name: &Path, bytes: &[u8]) -> Result<Option<StatedCurve>, IoError> {
-    if Format::detect(name, bytes)? == Format::Png { png::stated_curve(name, bytes) } else { Ok(None) }
+pub(crate) fn stated_curve(input: Input<'_>) -> Result<Option<StatedCurve>, IoError> {
+    if Format::detect(input)? == Format::Png { png::stated_curve(input) } else { Ok(None) }
 }
 
 /// Returns the CIE xy of red, green, blue and white that an integer picture states, itself or by
 /// its ICC profile.
-pub(crate) fn stated_primaries(name: &Path, bytes: &[u8], of_profile: Option<Chromaticities>) -> Result<Option<Chromaticities>, IoError> {
-    match Format::detect(name, bytes)? {
-        Format::Png => png::primaries(name, bytes, of_profile),
-        Format::Tiff => Ok(of_profile.or_else(|| tiff::primaries(bytes))),
+pub(crate) fn stated_primaries(input: Input<'_>, of_profile: Option<Chromaticities>) -> Result<Option<Chromaticities>, IoError> {
+    match Format::detect(input)? {
+        Format::Png => png::primaries(input, of_profile),
+        Format::Tiff => Ok(of_profile.or_else(|| tiff::primaries(input.bytes))),
         _ => Ok(of_profile),
     }
 }

@@ -12,9 +12,9 @@ use std::path::Path;
 use ::exr::prelude::f16;
 use luxel_core::Image;
 
-use super::guard::{check_size, zeroed};
 use super::{DecodedImage, SampleDepth};
 use crate::IoError;
+use crate::input::Input;
 
 /// First bytes of every file.
 pub(super) const SIGNATURE: &[u8] = b"\x93NUMPY";
@@ -48,23 +48,23 @@ const TABLE: Expected = Expected {
 };
 
 /// Returns the rows of a table of float64, each of `columns` finite numbers.
-pub(crate) fn decode_table<const COLUMNS: usize>(name: &Path, bytes: &[u8]) -> Result<Vec<[f64; COLUMNS]>, IoError> {
-    let (shape, samples) = start(name, bytes, &TABLE)?;
+pub(crate) fn decode_table<const COLUMNS: usize>(input: Input<'_>) -> Result<Vec<[f64; COLUMNS]>, IoError> {
+    let (shape, samples) = start(input, &TABLE)?;
     let [rows, columns] = shape.as_slice() else {
-        return Err(IoError::invalid(name, format!("header: {} dimensions, expected {}", shape.len(), TABLE.shape)));
+        return Err(input.invalid(format!("header: {} dimensions, expected {}", shape.len(), TABLE.shape)));
     };
     if *columns as usize != COLUMNS {
-        return Err(IoError::invalid(name, format!("header: {columns} columns, expected {COLUMNS}")));
+        return Err(input.invalid(format!("header: {columns} columns, expected {COLUMNS}")));
     }
     let numbers = samples.as_chunks::<8>().0;
     if samples.len() != numbers.len() * 8 || numbers.len() != *rows as usize * COLUMNS {
         let message =
             format!("data: {} bytes after the header, expected {rows} rows of {COLUMNS} numbers of 8; the file is damaged", samples.len());
-        return Err(IoError::invalid(name, message));
+        return Err(input.invalid(message));
     }
     let table: Vec<[f64; COLUMNS]> = numbers.as_chunks::<COLUMNS>().0.iter().map(|row| row.map(f64::from_le_bytes)).collect();
     match table.iter().position(|row| row.iter().any(|v| !v.is_finite())) {
-        Some(row) => Err(IoError::invalid(name, format!("row {row} holds a number that is not finite"))),
+        Some(row) => Err(input.invalid(format!("row {row} holds a number that is not finite"))),
         None => Ok(table),
     }
 }
@@ -74,11 +74,11 @@ const DEPTH_TYPES: [(&str, usize); 6] = [("'<f4'", 4), ("'<f8'", 8), ("'<f2'", 2
 
 /// Decodes a map of depth, `(height, width)` of float16, 32 or 64 or of unsigned integers, with
 /// sides of 1 before or behind; width and height, and the values by row.
-pub(crate) fn decode_depth(name: &Path, bytes: &[u8]) -> Result<([usize; 2], Vec<f32>), IoError> {
+pub(crate) fn decode_depth(input: Input<'_>) -> Result<([usize; 2], Vec<f32>), IoError> {
     const REMEDY: &str = "save it with numpy.save(file, numpy.ascontiguousarray(depth, dtype=\"<f4\"))";
     let expected = |descr| Expected { descr, kind: "little-endian float32", shape: "(height, width)", remedy: REMEDY };
     let mut refused = None;
-    let found = DEPTH_TYPES.iter().find_map(|&(descr, width)| match start(name, bytes, &expected(descr)) {
+    let found = DEPTH_TYPES.iter().find_map(|&(descr, width)| match start(input, &expected(descr)) {
         Ok((shape, samples)) => Some((shape, samples, descr, width)),
         Err(error) => {
             refused.get_or_insert(error);
@@ -86,14 +86,14 @@ pub(crate) fn decode_depth(name: &Path, bytes: &[u8]) -> Result<([usize; 2], Vec
         }
     });
     let Some((shape, samples, descr, bytes_each)) = found else {
-        return Err(refused.unwrap_or_else(|| IoError::invalid(name, "header: no type")));
+        return Err(refused.unwrap_or_else(|| input.invalid("header: no type")));
     };
     let sides: Vec<u32> = shape.iter().copied().filter(|side| *side != 1).collect();
     let [height, width] = match (shape.as_slice(), sides.as_slice()) {
         ([h, w], _) | (_, [h, w]) => [*h, *w],
-        _ => return Err(IoError::unsupported(name, format!("header: 'shape' is {}, expected (height, width); {REMEDY}", tuple(&shape)))),
+        _ => return Err(input.unsupported(format!("header: 'shape' is {}, expected (height, width); {REMEDY}", tuple(&shape)))),
     };
-    check_size(name, [width, height].map(u64::from), bytes.len() as u64)?;
+    input.check_size([width, height].map(u64::from))?;
     let [width, height] = [width, height].map(|side| side as usize);
     if samples.len() != width * height * bytes_each {
         let message = format!(
@@ -101,7 +101,7 @@ pub(crate) fn decode_depth(name: &Path, bytes: &[u8]) -> Result<([usize; 2], Vec
             samples.len(),
             width * height * bytes_each
         );
-        return Err(IoError::invalid(name, message));
+        return Err(input.invalid(message));
     }
     let values = match descr {
         "'<f4'" => samples.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect(),
@@ -115,9 +115,9 @@ pub(crate) fn decode_depth(name: &Path, bytes: &[u8]) -> Result<([usize; 2], Vec
 }
 
 /// Decodes a whole file.
-pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
-    let (size, samples) = image_start(name, bytes)?;
-    check_size(name, size.map(u64::from), bytes.len() as u64)?;
+pub(super) fn decode(input: Input<'_>) -> Result<DecodedImage, IoError> {
+    let (size, samples) = image_start(input)?;
+    input.check_size(size.map(u64::from))?;
     let [width, height] = size.map(|side| side as usize);
     let expected = width * height * size_of::<[f32; 3]>();
     if samples.len() != expected {
@@ -125,9 +125,9 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
             "data: {} bytes after the header, expected {expected} for {width} x {height} pixels; the file is damaged, save it again",
             samples.len()
         );
-        return Err(IoError::invalid(name, message));
+        return Err(input.invalid(message));
     }
-    let mut pixels = zeroed::<[f32; 3]>(name, width * height)?;
+    let mut pixels = input.zeroed::<[f32; 3]>(width * height)?;
     for (value, bytes) in pixels.as_flattened_mut().iter_mut().zip(samples.as_chunks().0) {
         *value = f32::from_le_bytes(*bytes);
     }
@@ -148,15 +148,15 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
 pub(super) fn size(name: &Path, file: impl Read + Seek) -> Result<[u32; 2], IoError> {
     let mut bytes = Vec::new();
     file.take(MAX_START_BYTES).read_to_end(&mut bytes).map_err(|e| IoError::system(name, "read", &e))?;
-    Ok(image_start(name, &bytes)?.0)
+    Ok(image_start(Input::new(name, &bytes))?.0)
 }
 
 /// Returns the width and height, and what follows the header.
-fn image_start<'a>(name: &Path, bytes: &'a [u8]) -> Result<([u32; 2], &'a [u8]), IoError> {
-    let (shape, samples) = start(name, bytes, &IMAGE)?;
+fn image_start(input: Input<'_>) -> Result<([u32; 2], &[u8]), IoError> {
+    let (shape, samples) = start(input, &IMAGE)?;
     match shape.as_slice() {
         [height, width, 3] => Ok(([*width, *height], samples)),
-        _ => Err(IoError::unsupported(name, format!("header: 'shape' is {}, expected {}; {REMEDY}", tuple(&shape), IMAGE.shape))),
+        _ => Err(input.unsupported(format!("header: 'shape' is {}, expected {}; {REMEDY}", tuple(&shape), IMAGE.shape))),
     }
 }
 
@@ -167,40 +167,39 @@ fn tuple(shape: &[u32]) -> String {
 }
 
 /// Returns the shape, and what follows the header.
-fn start<'a>(name: &Path, bytes: &'a [u8], expected: &Expected) -> Result<(Vec<u32>, &'a [u8]), IoError> {
+fn start<'a>(input: Input<'a>, expected: &Expected) -> Result<(Vec<u32>, &'a [u8]), IoError> {
     let remedy = expected.remedy;
-    let cut_short = || IoError::invalid(name, "header: the file ends within it; the file is damaged, save it again");
-    let rest = bytes.strip_prefix(SIGNATURE).ok_or_else(|| IoError::invalid(name, "header: no signature of NumPy"))?;
+    let cut_short = || input.invalid("header: the file ends within it; the file is damaged, save it again");
+    let rest = input.bytes.strip_prefix(SIGNATURE).ok_or_else(|| input.invalid("header: no signature of NumPy"))?;
     let (length, rest) = match rest {
         [1, _, a, b, rest @ ..] => (usize::from(u16::from_le_bytes([*a, *b])), rest),
         [2 | 3, _, a, b, c, d, rest @ ..] => (u32::from_le_bytes([*a, *b, *c, *d]) as usize, rest),
         [1..=3, ..] | [] => return Err(cut_short()),
         [version, ..] => {
-            return Err(IoError::unsupported(name, format!("header: version {version} of the format, expected 1 to 3; {remedy}")));
+            return Err(input.unsupported(format!("header: version {version} of the format, expected 1 to 3; {remedy}")));
         }
     };
     if length > MAX_HEADER_BYTES {
-        return Err(IoError::invalid(name, format!("header: {length} bytes, expected at most {MAX_HEADER_BYTES}; {remedy}")));
+        return Err(input.invalid(format!("header: {length} bytes, expected at most {MAX_HEADER_BYTES}; {remedy}")));
     }
     let (header, samples) = rest.split_at_checked(length).ok_or_else(cut_short)?;
-    let header = str::from_utf8(header).map_err(|_| IoError::invalid(name, "header: not text; the file is damaged, save it again"))?;
-    Ok((shape(name, header, expected)?, samples))
+    let header = str::from_utf8(header).map_err(|_| input.invalid("header: not text; the file is damaged, save it again"))?;
+    Ok((shape(input, header, expected)?, samples))
 }
 
 /// Returns the shape of a header such as `{'descr': '<f4', 'fortran_order': False, 'shape': (400,
 /// 300, 3), }`.
-fn shape(name: &Path, header: &str, wanted: &Expected) -> Result<Vec<u32>, IoError> {
+fn shape(input: Input<'_>, header: &str, wanted: &Expected) -> Result<Vec<u32>, IoError> {
     let value = |key: &str| {
         let (_, rest) = header.split_once(&format!("'{key}':"))?;
         let rest = rest.trim_start();
         let end = if rest.starts_with('(') { rest.find(')').map(|at| at + 1) } else { rest.find([',', '}']) };
         end.map(|end| rest[..end].trim())
     };
-    let found =
-        |key: &str| value(key).ok_or_else(|| IoError::invalid(name, format!("header: no '{key}'; the file is damaged, save it again")));
+    let found = |key: &str| value(key).ok_or_else(|| input.invalid(format!("header: no '{key}'; the file is damaged, save it again")));
     let unsupported = |key: &str, found: &str, expected: &dyn Display| {
         let found: String = found.chars().take(40).filter(|c| !c.is_control()).collect();
-        IoError::unsupported(name, format!("header: '{key}' is {found}, expected {expected}; {}", wanted.remedy))
+        input.unsupported(format!("header: '{key}' is {found}, expected {expected}; {}", wanted.remedy))
     };
     let descr = found("descr")?;
     if descr != wanted.descr {
@@ -235,18 +234,18 @@ mod tests {
     fn array_is_an_image_with_rows_from_the_top() {
         let samples: Vec<f32> = (0..18u8).map(|i| f32::from(i) * 1000.0 - 1.0).collect();
         for version in [1, 2, 3] {
-            let image = decode(Path::new("a.npy"), &file(version, &header("(2, 3, 3)"), &samples)).unwrap().image;
+            let image = decode(Input::new("a.npy", &file(version, &header("(2, 3, 3)"), &samples))).unwrap().image;
             assert_eq!((image.width, image.height), (3, 2));
             assert_eq!(image.at(0, 1), [8999.0, 9999.0, 10999.0]);
         }
         // The order of the keys is free.
         let other = "{'shape': (2,3,3), 'fortran_order': False, 'descr': '<f4'}";
-        assert!(decode(Path::new("a.npy"), &file(1, other, &samples)).is_ok());
+        assert!(decode(Input::new("a.npy", &file(1, other, &samples))).is_ok());
     }
 
     #[test]
     fn what_is_not_expected_is_named() {
-        let error = |bytes: &[u8]| decode(Path::new("a.npy"), bytes).unwrap_err();
+        let error = |bytes: &[u8]| decode(Input::new("a.npy", bytes)).unwrap_err();
         let with = |header: &str| error(&file(1, header, &[0.0; 18]));
         let whole = header("(2, 3, 3)");
         for (header, part) in [

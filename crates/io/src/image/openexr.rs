@@ -27,11 +27,11 @@ use super::colorimetry::settle_stated;
 use super::exr_blocks::check_counts;
 use super::exr_header::without_idle_type;
 use super::exr_layers::{ColorChannels, Picture, find_picture};
-use super::guard::{check_block, check_size, zeroed};
 use super::interop_id::{self, InteropSpace};
 use super::samples::{LINEAR, aspect_warning};
 use super::{DecodedImage, ReadOptions, SampleDepth};
 use crate::IoError;
+use crate::input::Input;
 
 /// Bytes in which a header is looked at for what the library does not read.
 const MOST_HEADER: u64 = 1 << 16;
@@ -40,24 +40,24 @@ const MOST_HEADER: u64 = 1 << 16;
 const CHROMATICITY_TOLERANCE: f32 = 1.5e-3;
 
 /// Decodes a whole file.
-pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
-    let (mut decoded, interop_id) = decode_with_id(name, bytes, options)?;
+pub(super) fn decode(input: Input<'_>, options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    let (mut decoded, interop_id) = decode_with_id(input, options)?;
     if let Some(id) = interop_id {
-        apply_id(name, &id, &mut decoded)?;
+        apply_id(input, &id, &mut decoded)?;
     }
     settle_stated(&mut decoded, "OpenEXR");
     Ok(decoded)
 }
 
 /// Decodes the samples as they are stored, in the file's primaries.
-pub(super) fn decode_stored(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
-    decode_with_id(name, bytes, options).map(|(decoded, _)| decoded)
+pub(super) fn decode_stored(input: Input<'_>, options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    decode_with_id(input, options).map(|(decoded, _)| decoded)
 }
 
 /// Decodes the samples as they are stored, and returns the name of their space, if there is one.
-fn decode_with_id(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(DecodedImage, Option<String>), IoError> {
-    let pick = |headers: &[Header]| find_picture(name, headers, options.layer.as_deref());
-    let (canvas, header, warnings) = draw(name, bytes, pick)?;
+fn decode_with_id(input: Input<'_>, options: &ReadOptions) -> Result<(DecodedImage, Option<String>), IoError> {
+    let pick = |headers: &[Header]| find_picture(input, headers, options.layer.as_deref());
+    let (canvas, header, warnings) = draw(input, pick)?;
     let attributes = [&header.own_attributes.other, &header.shared_attributes.other];
     let id = attributes.into_iter().flatten().find_map(|(key, value)| match value {
         AttributeValue::Text(text) if key.eq(interop_id::ATTRIBUTE) => Some(text.to_string()),
@@ -67,7 +67,7 @@ fn decode_with_id(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(D
 }
 
 /// Takes the space that a file's `colorInteropID` names, which goes before its chromaticities.
-fn apply_id(name: &Path, id: &str, decoded: &mut DecodedImage) -> Result<(), IoError> {
+fn apply_id(input: Input<'_>, id: &str, decoded: &mut DecodedImage) -> Result<(), IoError> {
     match interop_id::parse(id) {
         InteropSpace::Colors { chromaticities, curve, white } => {
             let is_other = |stated: &Chromaticities| {
@@ -95,25 +95,22 @@ fn apply_id(name: &Path, id: &str, decoded: &mut DecodedImage) -> Result<(), IoE
         }
         InteropSpace::Refused => {
             let message = format!("OpenEXR: colorInteropID {id:?} is a space whose numbers are not light; export it as linear light");
-            return Err(IoError::unsupported(name, message));
+            return Err(input.unsupported(message));
         }
     }
     Ok(())
 }
 
 /// Decodes the channel of depth: width and height, and its values by row.
-pub(crate) fn decode_depth(name: &Path, bytes: &[u8]) -> Result<([usize; 2], Vec<f32>), IoError> {
+pub(crate) fn decode_depth(input: Input<'_>) -> Result<([usize; 2], Vec<f32>), IoError> {
     let pick = |headers: &[Header]| {
         let (part, channel) = find_depth(headers).ok_or_else(|| {
             let found: Vec<String> = headers.iter().flat_map(|h| &h.channels.list).take(16).map(|c| c.name.to_string()).collect();
-            IoError::unsupported(
-                name,
-                format!("OpenEXR: no depth, found channels {}; expected Z, depth, or a single channel", found.join(", ")),
-            )
+            input.unsupported(format!("OpenEXR: no depth, found channels {}; expected Z, depth, or a single channel", found.join(", ")))
         })?;
         Ok(Picture { part, color: ColorChannels { rgb: [channel; 3], alpha: None }, warnings: Vec::new() })
     };
-    let (Canvas { image, .. }, ..) = draw(name, bytes, pick)?;
+    let (Canvas { image, .. }, ..) = draw(input, pick)?;
     Ok(([image.width, image.height], image.pixels.into_iter().map(|[z, ..]| z).collect()))
 }
 
@@ -135,44 +132,38 @@ fn find_depth(headers: &[Header]) -> Option<(usize, usize)> {
 }
 
 /// Draws the channels of the picture that `pick` finds among the headers.
-fn draw(
-    name: &Path,
-    bytes: &[u8],
-    pick: impl FnOnce(&[Header]) -> Result<Picture, IoError>,
-) -> Result<(Canvas, Header, Vec<String>), IoError> {
-    let failed = |error: ExrError| explain(name, &error);
-    let bytes = &without_idle_type(bytes);
-    let reader = ::exr::block::read(Cursor::new(bytes), false).map_err(failed)?;
+fn draw(input: Input<'_>, pick: impl FnOnce(&[Header]) -> Result<Picture, IoError>) -> Result<(Canvas, Header, Vec<String>), IoError> {
+    let failed = |error: ExrError| explain(input.name, &error);
+    let bytes = without_idle_type(input.bytes);
+    let input = input.with_bytes(&bytes);
+    let reader = ::exr::block::read(Cursor::new(input.bytes), false).map_err(failed)?;
     for header in reader.headers() {
-        check_header(name, header, bytes.len() as u64)?;
+        check_header(input, header)?;
     }
     let Picture { part, color, warnings } = pick(reader.headers())?;
-    let header = reader.headers().get(part).ok_or_else(|| IoError::invalid(name, "header: no parts"))?.clone();
+    let header = reader.headers().get(part).ok_or_else(|| input.invalid("header: no parts"))?.clone();
 
     if matches!(header.compression, Compression::HTJ2K32 | Compression::HTJ2K256) {
-        return Err(IoError::unsupported(name, "OpenEXR: HTJ2K compression, which is not read; export it with ZIP compression"));
+        return Err(input.unsupported("OpenEXR: HTJ2K compression, which is not read; export it with ZIP compression"));
     }
     if header.channels.list.iter().any(|channel| channel.sampling != Vec2(1, 1)) {
-        return Err(IoError::unsupported(name, "OpenEXR: subsampled channels (luminance and chroma); export it as RGB"));
+        return Err(input.unsupported("OpenEXR: subsampled channels (luminance and chroma); export it as RGB"));
     }
     // Chunk tables are read here and bound the number of blocks by the file's length: only now is
     // memory for pixels is requested.
     let full_resolution = |_: &MetaData, tile: TileCoordinates, block: BlockIndex| block.layer == part && tile.level_index == Vec2(0, 0);
     let chunks = reader.filter_chunks(false, full_resolution).map_err(failed)?;
-    let mut canvas = Canvas::new(name, &header, color)?;
+    let mut canvas = Canvas::new(input, &header, color)?;
     let expected = chunks.len();
     let mut seen = HashSet::with_capacity(expected);
     let meta = chunks.meta_data().clone();
     for chunk in chunks {
         let chunk = chunk.map_err(failed)?;
-        check_counts(name, &chunk, &meta.headers)?;
+        check_counts(input, &chunk, &meta.headers)?;
         let block = UncompressedBlock::decompress_chunk(chunk, &meta, false).map_err(failed)?;
         let at = block.index;
         if at.layer != part || at.level != Vec2(0, 0) || !seen.insert((at.pixel_position.0, at.pixel_position.1)) {
-            return Err(IoError::invalid(
-                name,
-                "chunk table: points to a wrong chunk or to one twice; the file is damaged, export it again",
-            ));
+            return Err(input.invalid("chunk table: points to a wrong chunk or to one twice; the file is damaged, export it again"));
         }
         canvas.draw(&block, &header);
     }
@@ -213,17 +204,16 @@ pub(super) fn explain(name: &Path, error: &ExrError) -> IoError {
 }
 
 /// Refuses absurd windows and blocks before anything is allocated for them.
-fn check_header(name: &Path, header: &Header, file_bytes: u64) -> Result<(), IoError> {
+fn check_header(input: Input<'_>, header: &Header) -> Result<(), IoError> {
     let Vec2(width, height) = header.layer_size;
     let Vec2(display_width, display_height) = header.shared_attributes.display_window.size;
-    check_size(name, [width as u64, height as u64], file_bytes)?;
-    check_size(name, [display_width as u64, display_height as u64], file_bytes)?;
+    input.check_size([width as u64, height as u64])?;
+    input.check_size([display_width as u64, display_height as u64])?;
     let pixels = match header.blocks {
         BlockDescription::Tiles(tiles) => tiles.tile_size.0.saturating_mul(tiles.tile_size.1),
         BlockDescription::ScanLines => width.saturating_mul(header.compression.scan_lines_per_block()),
     };
-    check_block(name, pixels.saturating_mul(header.channels.bytes_per_pixel) as u64, file_bytes)?;
-    Ok(())
+    input.check_block(pixels.saturating_mul(header.channels.bytes_per_pixel) as u64)
 }
 
 /// The display window while blocks of the data window are drawn onto it.
@@ -236,13 +226,13 @@ struct Canvas {
 }
 
 impl Canvas {
-    fn new(name: &Path, header: &Header, color: ColorChannels) -> Result<Self, IoError> {
+    fn new(input: Input<'_>, header: &Header, color: ColorChannels) -> Result<Self, IoError> {
         let display = header.shared_attributes.display_window;
         let Vec2(width, height) = display.size;
         let data = header.own_attributes.layer_position;
         Ok(Self {
-            image: Image { width, height, pixels: zeroed(name, width * height)? },
-            alpha: color.alpha.map(|_| zeroed(name, width * height)).transpose()?,
+            image: Image { width, height, pixels: input.zeroed(width * height)? },
+            alpha: color.alpha.map(|_| input.zeroed(width * height)).transpose()?,
             offset: [i64::from(data.0) - i64::from(display.position.0), i64::from(data.1) - i64::from(display.position.1)],
             color,
         })

@@ -5,19 +5,17 @@
 //! primaries where it has a name, else in ACEScg. Channels below black, of noise or of colours
 //! outside of the space, become 0: the nearest radiance there is.
 
-use std::path::Path;
-
 use luxel_core::{Chromaticities, ColorSpace, Conversion};
 use rayon::prelude::*;
 
 use super::{DecodedImage, Format, ReadOptions, Transfer};
 use super::{dpx, jpeg, npy, openexr, png, tiff};
 use crate::IoError;
+use crate::input::Input;
 
 /// Decodes a plate with the curve `transfer`, whose primaries are `primaries`.
 pub(super) fn decode(
-    name: &Path,
-    bytes: &[u8],
+    input: Input<'_>,
     format: Format,
     options: &ReadOptions,
     transfer: Transfer,
@@ -25,20 +23,20 @@ pub(super) fn decode(
 ) -> Result<DecodedImage, IoError> {
     let codes = ReadOptions { transfer: Some(Transfer::Linear), ..options.clone() };
     let mut decoded = match format {
-        Format::OpenExr => openexr::decode_stored(name, bytes, options)?,
-        Format::Png => png::decode_codes(name, bytes)?,
-        Format::Tiff => tiff::decode_codes(name, bytes)?,
-        Format::Jpeg => jpeg::decode(name, bytes, &codes)?,
-        Format::Npy => npy::decode(name, bytes)?,
-        Format::Dpx => dpx::decode(name, bytes, &codes)?,
+        Format::OpenExr => openexr::decode_stored(input, options)?,
+        Format::Png => png::decode_codes(input)?,
+        Format::Tiff => tiff::decode_codes(input)?,
+        Format::Jpeg => jpeg::decode(input, &codes)?,
+        Format::Npy => npy::decode(input)?,
+        Format::Dpx => dpx::decode(input, &codes)?,
         Format::Radiance => {
             let message = format!("Radiance HDR files hold light, expected samples with the curve {transfer}; leave the curve out");
-            return Err(IoError::unsupported(name, message));
+            return Err(input.unsupported(message));
         }
     };
     if decoded.is_premultiplied && decoded.alpha.as_ref().is_some_and(|alpha| alpha.iter().any(|a| *a < 1.0)) {
         let message = format!("colours multiplied by an opacity, which the curve {transfer} cannot be taken of; export it without");
-        return Err(IoError::unsupported(name, message));
+        return Err(input.unsupported(message));
     }
     if let Some(bits) = decoded.depth.integer_bits().filter(|bits| *bits <= 8) {
         decoded.warnings.push(format!("{bits} bits are too few for the curve {transfer}: steps of shadows and lights show"));
@@ -46,7 +44,7 @@ pub(super) fn decode(
     let own_space = ColorSpace::from_chromaticities(primaries);
     let space = own_space.unwrap_or(ColorSpace::AcesCg);
     let conversion = Conversion::from_chromaticities(primaries, &space.chromaticities())
-        .ok_or_else(|| IoError::unsupported(name, format!("the primaries of {transfer} have no way to {}", space.name())))?;
+        .ok_or_else(|| input.unsupported(format!("the primaries of {transfer} have no way to {}", space.name())))?;
     let convert = |pixel: &mut [f32; 3]| {
         let light = pixel.map(|v| transfer.light(f64::from(v)) as f32);
         let converted = if own_space.is_some() { light } else { conversion.apply(light) };

@@ -7,7 +7,6 @@
 //! light.
 
 use std::io::Cursor;
-use std::path::Path;
 
 use image::codecs::png::PngDecoder;
 use image::{ColorType, ImageDecoder, ImageError, Limits};
@@ -15,52 +14,52 @@ use luxel_core::photo::StatedCurve;
 use luxel_core::{Chromaticities, ColorSpace, Remedy};
 
 use super::colorimetry::{conversion_to_rec709, settle_profile, settle_stated};
-use super::guard::{check_size, zeroed};
 use super::samples::{Curve, LINEAR, SampleGrid, aspect_warning, depth_warnings};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
+use crate::input::Input;
 
 /// First bytes of every file.
 pub(super) const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 
 /// Decodes a whole file.
-pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
-    let info = Info::read(name, bytes)?;
-    let mut decoded = decode_samples(name, bytes, &info, options)?;
+pub(super) fn decode(input: Input<'_>, options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    let info = Info::read(input)?;
+    let mut decoded = decode_samples(input, &info, options)?;
     if info.has_icc && info.named_primaries().is_none() {
-        settle_profile(&mut decoded, bytes);
+        settle_profile(&mut decoded, input.bytes);
         return Ok(decoded);
     }
-    decoded.chromaticities = info.chromaticities(name)?;
+    decoded.chromaticities = info.chromaticities(input)?;
     settle_stated(&mut decoded, "PNG");
     Ok(decoded)
 }
 
 /// Decodes a whole file as codes over the largest one, in whatever primaries.
-pub(super) fn decode_codes(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
-    decode_samples(name, bytes, &Info::read(name, bytes)?, &ReadOptions { transfer: Some(Transfer::Linear), layer: None })
+pub(super) fn decode_codes(input: Input<'_>) -> Result<DecodedImage, IoError> {
+    decode_samples(input, &Info::read(input)?, &ReadOptions { transfer: Some(Transfer::Linear), layer: None })
 }
 
 /// Reads the primaries that a file states, by chunks or by an ICC profile of known ones (PNG, third
 /// edition, 4.3).
-pub(super) fn primaries(name: &Path, bytes: &[u8], of_profile: Option<Chromaticities>) -> Result<Option<Chromaticities>, IoError> {
-    let info = Info::read(name, bytes)?;
+pub(super) fn primaries(input: Input<'_>, of_profile: Option<Chromaticities>) -> Result<Option<Chromaticities>, IoError> {
+    let info = Info::read(input)?;
     let stated = match of_profile {
         Some(found) if info.named_primaries().is_none() => return Ok(Some(found)),
-        _ => info.chromaticities(name)?,
+        _ => info.chromaticities(input)?,
     };
     Ok(stated.filter(|found| conversion_to_rec709(found).is_ok()))
 }
 
 /// Returns whether a file states a curve of light beyond white.
-pub(super) fn states_hdr_curve(name: &Path, bytes: &[u8]) -> bool {
-    Info::read(name, bytes).is_ok_and(|info| info.cicp.is_some_and(|[_, transfer, ..]| [16, 18].contains(&transfer)))
+pub(super) fn states_hdr_curve(input: Input<'_>) -> bool {
+    Info::read(input).is_ok_and(|info| info.cicp.is_some_and(|[_, transfer, ..]| [16, 18].contains(&transfer)))
 }
 
 /// Returns the curve that a file states, as far as it is one of a developed picture.
-pub(super) fn stated_curve(name: &Path, bytes: &[u8]) -> Result<Option<StatedCurve>, IoError> {
+pub(super) fn stated_curve(input: Input<'_>) -> Result<Option<StatedCurve>, IoError> {
     // A curve that is not read is no statement here: codes stay codes.
-    Ok(match Info::read(name, bytes)?.curve(name, &ReadOptions::default()).unwrap_or_default() {
+    Ok(match Info::read(input)?.curve(input, &ReadOptions::default()).unwrap_or_default() {
         Some(Curve::Named(Transfer::Linear)) => Some(StatedCurve::Linear),
         Some(Curve::Named(Transfer::Srgb)) => Some(StatedCurve::Srgb),
         Some(Curve::Power(exponent)) => Some(StatedCurve::Power(exponent)),
@@ -79,23 +78,23 @@ fn few_bits(bytes: &[u8]) -> Option<u8> {
 }
 
 /// Returns the samples through their curve, in the file's primaries.
-fn decode_samples(name: &Path, bytes: &[u8], info: &Info, options: &ReadOptions) -> Result<DecodedImage, IoError> {
-    check_size(name, info.size.map(u64::from), bytes.len() as u64)?;
-    let failed = |error: ImageError| explain(name, &error);
+fn decode_samples(input: Input<'_>, info: &Info, options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    input.check_size(info.size.map(u64::from))?;
+    let failed = |error: ImageError| explain(input, &error);
     let mut limits = Limits::no_limits();
     // The decoder's own buffers: a few rows, and metadata that can't exceed the file by much more
     // than Deflate's ratio.
     let pixels = u64::from(info.size[0]) * u64::from(info.size[1]);
-    limits.max_alloc = Some((64 << 20) + pixels.saturating_mul(8) + bytes.len() as u64);
-    let decoder = PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(failed)?;
+    limits.max_alloc = Some((64 << 20) + pixels.saturating_mul(8) + input.length());
+    let decoder = PngDecoder::with_limits(Cursor::new(input.bytes), limits).map_err(failed)?;
     let color = decoder.color_type();
     let channels = color.channel_count();
     let (depth, bits) = match color {
         ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => (SampleDepth::Integer8, 8),
         ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => (SampleDepth::Integer16, 16),
-        _ => return Err(IoError::unsupported(name, format!("PNG: colour type {color:?}; export it as RGB"))),
+        _ => return Err(input.unsupported(format!("PNG: colour type {color:?}; export it as RGB"))),
     };
-    let chosen = Curve::choose(name, options, info.curve(name, options)?, bits)?;
+    let chosen = Curve::choose(input, options, info.curve(input, options)?, bits)?;
     let curve = match chosen {
         Curve::Named(transfer) if info.is_narrow() => Curve::Narrow { transfer, bits },
         other => other,
@@ -105,45 +104,45 @@ fn decode_samples(name: &Path, bytes: &[u8], info: &Info, options: &ReadOptions)
     let samples = width * height * usize::from(channels);
     let (image, alpha) = match depth {
         SampleDepth::Integer8 => {
-            let mut buffer = zeroed::<u8>(name, samples)?;
+            let mut buffer = input.zeroed::<u8>(samples)?;
             decoder.read_image(&mut buffer).map_err(failed)?;
-            layout.assemble8(name, &buffer, curve)?
+            layout.assemble8(input, &buffer, curve)?
         }
         _ => {
-            let mut buffer = zeroed::<u16>(name, samples)?;
+            let mut buffer = input.zeroed::<u16>(samples)?;
             decoder.read_image(bytemuck::cast_slice_mut(&mut buffer)).map_err(failed)?;
-            layout.assemble16(name, &buffer, curve)?
+            layout.assemble16(input, &buffer, curve)?
         }
     };
-    let depth = few_bits(bytes).map_or(depth, SampleDepth::FewBits);
+    let depth = few_bits(input.bytes).map_or(depth, SampleDepth::FewBits);
     let (is_display_coded, mut warnings) = (chosen != LINEAR, depth_warnings(depth));
     warnings.extend(info.pixel_aspect.and_then(aspect_warning));
     Ok(DecodedImage { image, alpha, is_premultiplied: false, color_space: None, chromaticities: None, depth, is_display_coded, warnings })
 }
 
 /// Returns the size from the first bytes.
-pub(super) fn size(name: &Path, head: &[u8]) -> Result<[u32; 2], IoError> {
-    match head.get(SIGNATURE.len()..).and_then(next_chunk) {
-        Some((b"IHDR", data, _)) => header_size(name, data),
-        _ => Err(cut_short(name, "expected chunk IHDR at the beginning")),
+pub(super) fn size(input: Input<'_>) -> Result<[u32; 2], IoError> {
+    match input.bytes.get(SIGNATURE.len()..).and_then(next_chunk) {
+        Some((b"IHDR", data, _)) => header_size(input, data),
+        _ => Err(cut_short(input, "expected chunk IHDR at the beginning")),
     }
 }
 
-fn header_size(name: &Path, data: &[u8]) -> Result<[u32; 2], IoError> {
+fn header_size(input: Input<'_>, data: &[u8]) -> Result<[u32; 2], IoError> {
     match data.as_chunks::<4>().0 {
         [width, height, ..] => Ok([u32::from_be_bytes(*width), u32::from_be_bytes(*height)]),
-        _ => Err(cut_short(name, "chunk IHDR is too short")),
+        _ => Err(cut_short(input, "chunk IHDR is too short")),
     }
 }
 
-fn cut_short(name: &Path, what: &str) -> IoError {
-    IoError::invalid(name, format!("PNG: {what}; the file is damaged or cut short, copy or export it again"))
+fn cut_short(input: Input<'_>, what: &str) -> IoError {
+    input.invalid(format!("PNG: {what}; the file is damaged or cut short, copy or export it again"))
 }
 
-fn explain(name: &Path, error: &ImageError) -> IoError {
+fn explain(input: Input<'_>, error: &ImageError) -> IoError {
     match error {
-        ImageError::Unsupported(_) => IoError::unsupported(name, format!("PNG: {error}; export it as RGB")),
-        _ => cut_short(name, &error.to_string()),
+        ImageError::Unsupported(_) => input.unsupported(format!("PNG: {error}; export it as RGB")),
+        _ => cut_short(input, &error.to_string()),
     }
 }
 
@@ -174,11 +173,11 @@ struct Info {
 }
 
 impl Info {
-    fn read(name: &Path, bytes: &[u8]) -> Result<Self, IoError> {
-        let mut info = Self { size: size(name, bytes)?, ..Self::default() };
-        let mut rest = bytes.get(SIGNATURE.len()..).unwrap_or_default();
+    fn read(input: Input<'_>) -> Result<Self, IoError> {
+        let mut info = Self { size: size(input)?, ..Self::default() };
+        let mut rest = input.bytes.get(SIGNATURE.len()..).unwrap_or_default();
         loop {
-            let Some((kind, data, after)) = next_chunk(rest) else { return Err(cut_short(name, "ends before chunk IEND")) };
+            let Some((kind, data, after)) = next_chunk(rest) else { return Err(cut_short(input, "ends before chunk IEND")) };
             match kind {
                 b"IEND" => return Ok(info),
                 b"cICP" => info.cicp = data.first_chunk::<4>().copied(),
@@ -197,7 +196,7 @@ impl Info {
     }
 
     /// Returns the curve that the file states, unless the options overrule it.
-    fn curve(&self, name: &Path, options: &ReadOptions) -> Result<Option<Curve>, IoError> {
+    fn curve(&self, input: Input<'_>, options: &ReadOptions) -> Result<Option<Curve>, IoError> {
         /// gAMA of 1 / 2.2: what writers that mean sRGB put where they write no sRGB chunk (PNG,
         /// third edition, 11.3.2.2).
         const SRGB_GAMMA: u32 = 45455;
@@ -208,7 +207,7 @@ impl Info {
             if matrix != 0 {
                 let message =
                     format!("PNG: chunk cICP names matrix {matrix}, expected 0 (RGB), which is the only one PNG may have; convert it");
-                return Err(IoError::unsupported(name, message));
+                return Err(input.unsupported(message));
             }
             return match transfer {
                 8 => Ok(Some(Curve::Named(Transfer::Linear))),
@@ -219,7 +218,7 @@ impl Info {
                     let message =
                         format!("PNG: chunk cICP names transfer function {other}, expected 8 (linear), 13 (sRGB), 16 (PQ) or 18 (HLG)");
                     let remedy = Remedy::advice("convert the image").or(Remedy::give("transfer"));
-                    Err(IoError::unsupported(name, message).with_remedy(remedy))
+                    Err(input.unsupported(message).with_remedy(remedy))
                 }
             };
         }
@@ -246,7 +245,7 @@ impl Info {
     }
 
     /// Returns the red, green, blue and white, where the file states them.
-    fn chromaticities(&self, name: &Path) -> Result<Option<Chromaticities>, IoError> {
+    fn chromaticities(&self, input: Input<'_>) -> Result<Option<Chromaticities>, IoError> {
         let d65 = [0.3127, 0.3290];
         if let Some(primaries) = self.named_primaries() {
             return match primaries {
@@ -256,12 +255,10 @@ impl Info {
                 6 => Ok(Some([[0.630, 0.340], [0.310, 0.595], [0.155, 0.070], d65])),
                 9 => Ok(Some(ColorSpace::LinearRec2020.chromaticities())),
                 12 => Ok(Some(ColorSpace::LinearDisplayP3.chromaticities())),
-                other => Err(IoError::unsupported(
-                    name,
-                    format!(
-                        "PNG: chunk cICP names colour primaries {other}, expected 1 (Rec.709), 5 or 6 (Rec.601), 9 (Rec.2020) or 12 (P3-D65); convert it"
-                    ),
-                )),
+                other => Err(input.unsupported(format!(
+                    "PNG: chunk cICP names colour primaries {other}, expected 1 (Rec.709), 5 or 6 (Rec.601), 9 (Rec.2020) or 12 (P3-D65); \
+                     convert it"
+                ))),
             };
         }
         if self.is_srgb {
@@ -279,7 +276,7 @@ mod tests {
     use super::*;
 
     fn curve(info: &Info) -> Option<Curve> {
-        info.curve(Path::new("a.png"), &ReadOptions::default()).unwrap()
+        info.curve(Input::new("a.png", &[]), &ReadOptions::default()).unwrap()
     }
 
     #[test]
@@ -296,13 +293,13 @@ mod tests {
     #[test]
     fn unknown_code_points_are_refused() {
         let info = Info { cicp: Some([9, 1, 0, 1]), ..Info::default() };
-        let error = info.curve(Path::new("a.png"), &ReadOptions::default()).unwrap_err();
+        let error = info.curve(Input::new("a.png", &[]), &ReadOptions::default()).unwrap_err();
         assert!(error.remedy.is_some_and(|remedy| remedy.options().eq(["transfer"])));
-        assert!(Info { cicp: Some([22, 8, 0, 1]), ..info.clone() }.chromaticities(Path::new("a.png")).is_err());
+        assert!(Info { cicp: Some([22, 8, 0, 1]), ..info.clone() }.chromaticities(Input::new("a.png", &[])).is_err());
         // Unspecified counts as not stated.
         let silent = Info { cicp: Some([2, 13, 0, 1]), ..info };
-        assert_eq!(silent.chromaticities(Path::new("a.png")).unwrap(), None);
+        assert_eq!(silent.chromaticities(Input::new("a.png", &[])).unwrap(), None);
         let rec709 = ColorSpace::LinearRec709.chromaticities();
-        assert_eq!(Info { is_srgb: true, ..silent }.chromaticities(Path::new("a.png")).unwrap(), Some(rec709));
+        assert_eq!(Info { is_srgb: true, ..silent }.chromaticities(Input::new("a.png", &[])).unwrap(), Some(rec709));
     }
 }

@@ -12,24 +12,24 @@ use image::{ImageDecoder, ImageError};
 use luxel_core::Image;
 
 use super::colorimetry::settle_stated;
-use super::guard::{check_size, zeroed};
 use super::samples::aspect_warning;
 use super::{DecodedImage, SampleDepth};
 use crate::IoError;
+use crate::input::Input;
 
 /// Longest header that is believed to be one.
 const MAX_HEADER_BYTES: u64 = 1 << 20;
 
 /// Decodes a whole file.
-pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
-    let decoder = open(name, bytes)?;
+pub(super) fn decode(input: Input<'_>) -> Result<DecodedImage, IoError> {
+    let decoder = open(input.name, input.bytes)?;
     let header = decoder.metadata();
-    check_size(name, [header.width, header.height].map(u64::from), bytes.len() as u64)?;
+    input.check_size([header.width, header.height].map(u64::from))?;
     let (width, height) = (header.width as usize, header.height as usize);
-    let mut pixels = zeroed::<[f32; 3]>(name, width * height)?;
-    match flat_pixels(bytes, width, height) {
+    let mut pixels = input.zeroed::<[f32; 3]>(width * height)?;
+    match flat_pixels(input.bytes, width, height) {
         Some(flat) => pixels.iter_mut().zip(flat.as_chunks().0).for_each(|(pixel, rgbe)| *pixel = light(*rgbe)),
-        None => decoder.read_image(bytemuck::cast_slice_mut(&mut pixels)).map_err(|e| explain(name, &e))?,
+        None => decoder.read_image(bytemuck::cast_slice_mut(&mut pixels)).map_err(|e| explain(input.name, &e))?,
     }
     let mut image = Image { width, height, pixels };
 
@@ -41,7 +41,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
         }
     }
     warnings.extend(header.pixel_aspect_ratio.and_then(|height_over_width| aspect_warning(1.0 / f64::from(height_over_width))));
-    let chromaticities = primaries(name, &header)?;
+    let chromaticities = primaries(input, &header)?;
     let (alpha, is_premultiplied, depth, is_display_coded) = (None, false, SampleDepth::Float, false);
     let mut decoded = DecodedImage { image, alpha, is_premultiplied, color_space: None, chromaticities, depth, is_display_coded, warnings };
     settle_stated(&mut decoded, "PRIMARIES=");
@@ -128,11 +128,11 @@ fn gain(header: &HdrMetadata, warnings: &mut Vec<String>) -> [f32; 3] {
 }
 
 /// Returns the CIE xy of red, green, blue and white.
-fn primaries(name: &Path, header: &HdrMetadata) -> Result<Option<[[f32; 2]; 4]>, IoError> {
+fn primaries(input: Input<'_>, header: &HdrMetadata) -> Result<Option<[[f32; 2]; 4]>, IoError> {
     let Some((_, text)) = header.custom_attributes.iter().rfind(|(key, _)| key == "PRIMARIES") else { return Ok(None) };
     let numbers: Vec<f32> = text.split_whitespace().map_while(|word| word.parse().ok()).collect();
     match numbers.as_chunks().0 {
         &[red, green, blue, white] if numbers.len() == 8 => Ok(Some([red, green, blue, white])),
-        _ => Err(IoError::invalid(name, format!("header: PRIMARIES={text}, expected eight numbers"))),
+        _ => Err(input.invalid(format!("header: PRIMARIES={text}, expected eight numbers"))),
     }
 }

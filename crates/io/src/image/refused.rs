@@ -1,8 +1,7 @@
 //! Files that are no image of a format that is read, by the names of what they are.
 
-use std::path::Path;
-
 use crate::IoError;
+use crate::input::Input;
 use crate::scene_file::{SceneFormat, refused_scene};
 
 /// First bytes of formats, and what to say of each.
@@ -26,15 +25,15 @@ const MAGIC: [(&[u8], &str); 15] = [
 
 /// Returns the refusal of a file that is known to be something else; `None` for one that is not
 /// known.
-pub(super) fn known_by_name(name: &Path, head: &[u8]) -> Option<IoError> {
-    if let Some(refused) = refused_scene(name, head) {
+pub(super) fn known_by_name(input: Input<'_>) -> Option<IoError> {
+    if let Some(refused) = refused_scene(input) {
         return Some(refused);
     }
-    let what = other_picture(head).or_else(|| {
-        let is_scene = SceneFormat::from_bytes(head).is_some();
+    let what = other_picture(input.bytes).or_else(|| {
+        let is_scene = SceneFormat::from_bytes(input.bytes).is_some();
         is_scene.then_some("a scene or an archive and not an image; give it where a scene is expected")
     });
-    what.map(|what| IoError::unsupported(name, format!("{what}{}", expected())))
+    what.map(|what| input.unsupported(format!("{what}{}", expected())))
 }
 
 /// Returns what a file of a format of pictures or videos is that is not read, and what to do.
@@ -78,9 +77,9 @@ mod tests {
             ("a.splat", &[0; 32], ".splat"),
             ("a.ply", b"ply\nformat", "a scene"),
         ] {
-            let error = known_by_name(Path::new(name), head).unwrap().to_string();
+            let error = known_by_name(Input::new(name, head)).unwrap().to_string();
             assert!(error.contains(part), "{error}");
         }
-        assert!(known_by_name(Path::new("a.bin"), &[1, 2, 3]).is_none());
+        assert!(known_by_name(Input::new("a.bin", &[1, 2, 3])).is_none());
     }
 }

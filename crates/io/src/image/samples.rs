@@ -1,12 +1,10 @@
 //! Interleaved samples of one to four channels to linear RGB and alpha; curves of integer samples.
 
-use std::path::Path;
-
 use luxel_core::{Image, Remedy};
 
 use super::{ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
-use crate::image::guard::zeroed;
+use crate::input::Input;
 
 /// The curve of samples that are proportional to light.
 pub(super) const LINEAR: Curve = Curve::Named(Transfer::Linear);
@@ -40,12 +38,12 @@ impl Curve {
 
     /// Returns the curve that the options give, else the one that the file states, else an error
     /// that asks for it.
-    pub(super) fn choose(name: &Path, options: &ReadOptions, stated: Option<Self>, bits: u8) -> Result<Self, IoError> {
+    pub(super) fn choose(input: Input<'_>, options: &ReadOptions, stated: Option<Self>, bits: u8) -> Result<Self, IoError> {
         options.transfer.map(Self::Named).or(stated).ok_or_else(|| {
             let message = format!("{bits}-bit integer samples, and the file does not state their transfer curve");
             let of_plates = Remedy::advice("for a camera's plate the name of its curve, such as logc4");
             let remedy = Remedy::set("transfer", "linear").or(Remedy::set("transfer", "srgb")).or(of_plates);
-            IoError::unsupported(name, message).with_remedy(remedy)
+            input.unsupported(message).with_remedy(remedy)
         })
     }
 }
@@ -89,7 +87,7 @@ impl SampleGrid {
     /// Returns the image and alpha of `samples`, through `color` and `alpha` by channel.
     pub(super) fn assemble<T: Copy>(
         self,
-        name: &Path,
+        input: Input<'_>,
         samples: &[T],
         color: impl Fn(T) -> f32,
         alpha: impl Fn(T) -> f32,
@@ -101,9 +99,9 @@ impl SampleGrid {
                 "{} samples for {width} x {height} pixels of {channels} channels, expected 1 to 4 channels of each pixel",
                 samples.len()
             );
-            return Err(IoError::unsupported(name, message));
+            return Err(input.unsupported(message));
         }
-        let mut pixels = zeroed::<[f32; 3]>(name, count)?;
+        let mut pixels = input.zeroed::<[f32; 3]>(count)?;
         for (pixel, of) in pixels.iter_mut().zip(samples.chunks_exact(channels)) {
             *pixel = match *of {
                 [r, g, b] | [r, g, b, _] => [color(r), color(g), color(b)],
@@ -117,15 +115,15 @@ impl SampleGrid {
     }
 
     /// Assembles 8-bit samples, see [`Self::assemble`].
-    pub(super) fn assemble8(self, name: &Path, samples: &[u8], curve: Curve) -> Result<(Image, Option<Vec<f32>>), IoError> {
+    pub(super) fn assemble8(self, input: Input<'_>, samples: &[u8], curve: Curve) -> Result<(Image, Option<Vec<f32>>), IoError> {
         let table: Vec<f32> = (0..=u8::MAX).map(|v| curve.decode(f64::from(v) / 255.0)).collect();
-        self.assemble(name, samples, |v| table.get(usize::from(v)).copied().unwrap_or(f32::NAN), |v| f32::from(v) / 255.0)
+        self.assemble(input, samples, |v| table.get(usize::from(v)).copied().unwrap_or(f32::NAN), |v| f32::from(v) / 255.0)
     }
 
     /// Assembles 16-bit samples, see [`Self::assemble`].
-    pub(super) fn assemble16(self, name: &Path, samples: &[u16], curve: Curve) -> Result<(Image, Option<Vec<f32>>), IoError> {
+    pub(super) fn assemble16(self, input: Input<'_>, samples: &[u16], curve: Curve) -> Result<(Image, Option<Vec<f32>>), IoError> {
         let table: Vec<f32> = (0..=u16::MAX).map(|v| curve.decode(f64::from(v) / 65535.0)).collect();
-        self.assemble(name, samples, |v| table.get(usize::from(v)).copied().unwrap_or(f32::NAN), |v| f32::from(v) / 65535.0)
+        self.assemble(input, samples, |v| table.get(usize::from(v)).copied().unwrap_or(f32::NAN), |v| f32::from(v) / 65535.0)
     }
 }
 
@@ -146,7 +144,7 @@ mod tests {
 
     #[test]
     fn missing_curve_names_the_remedy() {
-        let error = Curve::choose(Path::new("a.png"), &ReadOptions::default(), None, 10).unwrap_err();
+        let error = Curve::choose(Input::new("a.png", &[]), &ReadOptions::default(), None, 10).unwrap_err();
         assert!(error.message.contains("10-bit"), "{error}");
         let remedy = "set transfer to linear, or set transfer to srgb, or for a camera's plate the name of its curve, such as logc4";
         assert_eq!(error.remedy.unwrap().to_string(), remedy);
@@ -155,7 +153,7 @@ mod tests {
     #[test]
     fn channels_that_do_not_fit_are_an_error() {
         let layout = SampleGrid { width: 2, height: 2, channels: 3 };
-        assert!(layout.assemble8(Path::new("a"), &[0; 11], Curve::Power(1.0)).is_err());
-        assert!(SampleGrid { channels: 5, ..layout }.assemble8(Path::new("a"), &[0; 20], Curve::Power(1.0)).is_err());
+        assert!(layout.assemble8(Input::new("a", &[]), &[0; 11], Curve::Power(1.0)).is_err());
+        assert!(SampleGrid { channels: 5, ..layout }.assemble8(Input::new("a", &[]), &[0; 20], Curve::Power(1.0)).is_err());
     }
 }

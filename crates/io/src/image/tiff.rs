@@ -27,15 +27,16 @@ use super::samples::{Curve, LINEAR, SampleGrid, aspect_warning, depth_warnings};
 use super::tiff_samples::{self, ReadSamples, explain};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
+use crate::input::Input;
 use crate::tags::{Tags, endless_text};
 
 /// White where none is stated.
 const D65: [f32; 2] = [0.3127, 0.3290];
 /// Decodes the first image.
-pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
-    let mut decoded = decode_samples(name, bytes, options)?;
-    let Some(found) = stated(bytes) else {
-        settle_profile(&mut decoded, bytes);
+pub(super) fn decode(input: Input<'_>, options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    let mut decoded = decode_samples(input, options)?;
+    let Some(found) = stated(input.bytes) else {
+        settle_profile(&mut decoded, input.bytes);
         return Ok(decoded);
     };
     decoded.chromaticities = Some(found);
@@ -44,8 +45,8 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
 }
 
 /// Decodes the first image as codes over the largest one, in whatever primaries.
-pub(super) fn decode_codes(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
-    decode_samples(name, bytes, &ReadOptions { transfer: Some(Transfer::Linear), layer: None })
+pub(super) fn decode_codes(input: Input<'_>) -> Result<DecodedImage, IoError> {
+    decode_samples(input, &ReadOptions { transfer: Some(Transfer::Linear), layer: None })
 }
 
 /// Returns the CIE xy of red, green, blue and white that the first image states, if they make a
@@ -95,27 +96,24 @@ fn pixel_aspect<R: Read + Seek>(decoder: &mut Decoder<R>) -> Option<f64> {
 const BILEVEL_RATIO: u64 = 32;
 
 /// Returns the samples through their curve, in the file's primaries.
-fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
-    let failed = |error: TiffError| explain(name, &error);
-    refuse_dng(name, bytes)?;
+fn decode_samples(input: Input<'_>, options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    let failed = |error: TiffError| explain(input.name, &error);
+    refuse_dng(input)?;
     // The library prints a line of its own where it meets one.
-    if let Some(tag) = endless_text(bytes) {
-        return Err(IoError::invalid(
-            name,
-            format!("TIFF: tag {tag} claims a text longer than the file, which is damaged; export it again"),
-        ));
+    if let Some(tag) = endless_text(input.bytes) {
+        return Err(input.invalid(format!("TIFF: tag {tag} claims a text longer than the file, which is damaged; export it again")));
     }
-    let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(failed)?;
+    let mut decoder = Decoder::new(Cursor::new(input.bytes)).map_err(failed)?;
     let (width, height) = decoder.dimensions().map_err(failed)?;
     // One bit a sample is the default of the format.
     let bits = decoder.find_tag_unsigned_vec::<u16>(Tag::BitsPerSample).map_err(failed)?;
     let is_bilevel = bits.is_none_or(|bits| bits.iter().all(|bits| *bits == 1));
-    let plausible_bytes = bytes.len() as u64 * if is_bilevel { BILEVEL_RATIO } else { 1 };
-    check_size(name, [width, height].map(u64::from), plausible_bytes)?;
-    refuse_raw(name, &mut decoder)?;
+    let plausible_bytes = input.length() * if is_bilevel { BILEVEL_RATIO } else { 1 };
+    check_size(input.name, [width, height].map(u64::from), plausible_bytes)?;
+    refuse_raw(input.name, &mut decoder)?;
     let aspect = pixel_aspect(&mut decoder);
-    let ReadSamples { layout, values, bits, is_premultiplied } = tiff_samples::read(name, bytes)?;
-    let mut decoded = convert(name, layout, &values, is_premultiplied, options)?;
+    let ReadSamples { layout, values, bits, is_premultiplied } = tiff_samples::read(input)?;
+    let mut decoded = convert(input, layout, &values, is_premultiplied, options)?;
     if bits < 8 {
         decoded.depth = SampleDepth::FewBits(bits);
         decoded.warnings = depth_warnings(decoded.depth);
@@ -126,33 +124,30 @@ fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<De
 
 /// Returns the linear light of the samples; `is_premultiplied` as far as the file states.
 fn convert(
-    name: &Path,
+    input: Input<'_>,
     layout: SampleGrid,
     samples: &DecodingResult,
     is_premultiplied: Option<bool>,
     options: &ReadOptions,
 ) -> Result<DecodedImage, IoError> {
     let is_associated = is_premultiplied == Some(true) && layout.channels.is_multiple_of(2);
-    let choose = |bits| Curve::choose(name, options, None, bits);
+    let choose = |bits| Curve::choose(input, options, None, bits);
     // Codes that were multiplied are divided before their curve.
     let first = |curve| if is_associated { LINEAR } else { curve };
     let (depth, curve, (mut image, alpha)) = match samples {
         DecodingResult::U8(v) => {
             let curve = choose(8)?;
-            (SampleDepth::Integer8, curve, layout.assemble8(name, v, first(curve))?)
+            (SampleDepth::Integer8, curve, layout.assemble8(input, v, first(curve))?)
         }
         DecodingResult::U16(v) => {
             let curve = choose(16)?;
-            (SampleDepth::Integer16, curve, layout.assemble16(name, v, first(curve))?)
+            (SampleDepth::Integer16, curve, layout.assemble16(input, v, first(curve))?)
         }
-        DecodingResult::F16(v) => (SampleDepth::Float, LINEAR, layout.assemble(name, v, |s| s.to_f32(), |s| s.to_f32())?),
-        DecodingResult::F32(v) => (SampleDepth::Float, LINEAR, layout.assemble(name, v, |s| s, |s| s)?),
-        DecodingResult::F64(v) => (SampleDepth::Float, LINEAR, layout.assemble(name, v, |s| s as f32, |s| s as f32)?),
+        DecodingResult::F16(v) => (SampleDepth::Float, LINEAR, layout.assemble(input, v, |s| s.to_f32(), |s| s.to_f32())?),
+        DecodingResult::F32(v) => (SampleDepth::Float, LINEAR, layout.assemble(input, v, |s| s, |s| s)?),
+        DecodingResult::F64(v) => (SampleDepth::Float, LINEAR, layout.assemble(input, v, |s| s as f32, |s| s as f32)?),
         _ => {
-            return Err(IoError::unsupported(
-                name,
-                "TIFF: signed or 32-bit integer samples; export it as 16-bit unsigned integers or floats",
-            ));
+            return Err(input.unsupported("TIFF: signed or 32-bit integer samples; export it as 16-bit unsigned integers or floats"));
         }
     };
     if let Some(alpha) = alpha.as_ref().filter(|_| is_associated && curve != LINEAR) {
@@ -177,9 +172,9 @@ pub(super) fn size(name: &Path, file: impl Read + Seek) -> Result<[u32; 2], IoEr
 const DNG_VERSION: u16 = 50706;
 
 /// Refuses DNG, of which the library does not read even the tags.
-fn refuse_dng(name: &Path, bytes: &[u8]) -> Result<(), IoError> {
-    let is_dng = Tags::new(bytes).and_then(|tags| tags.first()).is_some_and(|ifd| ifd.has(DNG_VERSION));
-    if is_dng { Err(raw(name)) } else { Ok(()) }
+fn refuse_dng(input: Input<'_>) -> Result<(), IoError> {
+    let is_dng = Tags::new(input.bytes).and_then(|tags| tags.first()).is_some_and(|ifd| ifd.has(DNG_VERSION));
+    if is_dng { Err(raw(input.name)) } else { Ok(()) }
 }
 
 fn raw(name: &Path) -> IoError {

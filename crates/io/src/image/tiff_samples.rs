@@ -20,9 +20,9 @@ use ::tiff::decoder::{Decoder, DecodingResult, Limits};
 use ::tiff::tags::Tag;
 use ::tiff::{ColorType, TiffError};
 
-use super::guard::check_block;
 use super::samples::SampleGrid;
 use crate::IoError;
+use crate::input::Input;
 use crate::memory::check_memory;
 use crate::tags::set_number;
 
@@ -89,35 +89,32 @@ impl Channels {
 }
 
 /// Reads the samples of the first image of `bytes`, whose header is sound.
-pub(super) fn read(name: &Path, bytes: &[u8]) -> Result<ReadSamples, IoError> {
-    let failed = |error: TiffError| explain(name, &error);
-    let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(failed)?;
+pub(super) fn read(input: Input<'_>) -> Result<ReadSamples, IoError> {
+    let failed = |error: TiffError| explain(input.name, &error);
+    let mut decoder = Decoder::new(Cursor::new(input.bytes)).map_err(failed)?;
     let (width, height) = decoder.dimensions().map_err(failed)?;
     let color = decoder.colortype().map_err(failed)?;
     let bits = color.bit_depth();
     let is_separate = decoder.find_tag_unsigned(Tag::PlanarConfiguration).map_err(failed)? == Some(SEPARATE_PLANES);
     let is_tiled = decoder.find_tag(Tag::TileOffsets).map_err(failed)?.is_some();
-    let channels = channels(name, bytes, &mut decoder, color)?;
+    let channels = channels(input, &mut decoder, color)?;
     if is_separate && is_tiled && channels.stored > 1 {
-        return Err(IoError::unsupported(
-            name,
-            "TIFF: tiles of channels in separate planes; export it with interleaved channels, or in strips",
-        ));
+        return Err(input.unsupported("TIFF: tiles of channels in separate planes; export it with interleaved channels, or in strips"));
     }
     let pixels = u64::from(width) * u64::from(height);
     let sample_bytes = u64::from(bits.div_ceil(8)) * channels.stored as u64;
-    let ordered = in_order(name, bytes, &mut decoder)?;
+    let ordered = in_order(input, &mut decoder)?;
     let source = as_equal_samples(ordered, &channels, color);
-    let copied = if matches!(source, Cow::Owned(_)) { bytes.len() as u64 } else { 0 };
-    check_memory(name, pixels.saturating_mul(sample_bytes + OUTPUT_BYTES).saturating_add(copied))?;
+    let copied = if matches!(source, Cow::Owned(_)) { input.length() } else { 0 };
+    check_memory(input.name, pixels.saturating_mul(sample_bytes + OUTPUT_BYTES).saturating_add(copied))?;
     // The library fills its memory before it decodes.
     let stored_bytes = pixels.saturating_mul(u64::from(bits) * channels.stored as u64).div_ceil(8);
-    check_block(name, stored_bytes, bytes.len() as u64)?;
+    input.check_block(stored_bytes)?;
 
     let mut limits = Limits::default();
     limits.decoding_buffer_size = (width as usize * height as usize).saturating_mul(MAX_SAMPLE_BYTES * channels.stored);
     limits.intermediate_buffer_size = limits.decoding_buffer_size.max(1 << 20);
-    limits.ifd_value_size = bytes.len().max(1 << 20);
+    limits.ifd_value_size = input.bytes.len().max(1 << 20);
     let mut decoder = Decoder::new(Cursor::new(source.as_ref())).map_err(failed)?.with_limits(limits);
     let mut values = DecodingResult::U8(Vec::new());
     decoder.read_image_to_buffer(&mut values).map_err(failed)?;
@@ -132,13 +129,12 @@ pub(super) fn read(name: &Path, bytes: &[u8]) -> Result<ReadSamples, IoError> {
 }
 
 /// Returns the channels of the first image; an error for colours other than grey and RGB.
-fn channels<R: Read + Seek>(name: &Path, bytes: &[u8], decoder: &mut Decoder<R>, color: ColorType) -> Result<Channels, IoError> {
-    let failed = |error: TiffError| explain(name, &error);
+fn channels<R: Read + Seek>(input: Input<'_>, decoder: &mut Decoder<R>, color: ColorType) -> Result<Channels, IoError> {
+    let failed = |error: TiffError| explain(input.name, &error);
     let photometric = decoder.find_tag_unsigned::<u16>(Tag::PhotometricInterpretation).map_err(failed)?;
-    let refused = || IoError::unsupported(name, format!("TIFF: colour type {color:?}; export it as RGB"));
-    if photometric == Some(WHITE_IS_ZERO) && is_float(Cursor::new(bytes)) {
-        return Err(IoError::unsupported(
-            name,
+    let refused = || input.unsupported(format!("TIFF: colour type {color:?}; export it as RGB"));
+    if photometric == Some(WHITE_IS_ZERO) && is_float(Cursor::new(input.bytes)) {
+        return Err(input.unsupported(
             "TIFF: floating-point samples of which 0 is white (WhiteIsZero), which are no light; export it with 0 for black (BlackIsZero)",
         ));
     }
@@ -158,24 +154,24 @@ fn channels<R: Read + Seek>(name: &Path, bytes: &[u8], decoder: &mut Decoder<R>,
 }
 
 /// Returns the file with the highest bit of each byte of its samples first.
-fn in_order<'a, R: Read + Seek>(name: &Path, bytes: &'a [u8], decoder: &mut Decoder<R>) -> Result<Cow<'a, [u8]>, IoError> {
+fn in_order<'a, R: Read + Seek>(input: Input<'a>, decoder: &mut Decoder<R>) -> Result<Cow<'a, [u8]>, IoError> {
     const UNCOMPRESSED: u16 = 1;
     const LZW: u16 = 5;
     const JPEG: [u16; 2] = [6, 7];
     const OTHERS: [u16; 3] = [8, 32_946, 32_773];
-    let failed = |error: TiffError| explain(name, &error);
+    let failed = |error: TiffError| explain(input.name, &error);
     if decoder.find_tag_unsigned(Tag::FillOrder).map_err(failed)? != Some(LOWEST_BIT_FIRST) {
-        return Ok(bytes.into());
+        return Ok(input.bytes.into());
     }
     let compression = decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(failed)?.unwrap_or(UNCOMPRESSED);
     match compression {
         UNCOMPRESSED..=LZW => {}
         // Bytes of JPEG have their own order (TIFF Technical Note 2).
-        other if JPEG.contains(&other) => return Ok(bytes.into()),
+        other if JPEG.contains(&other) => return Ok(input.bytes.into()),
         other if OTHERS.contains(&other) => {}
         other => {
             let message = format!("TIFF: bytes with the lowest bit first (FillOrder 2) in compression {other}; export it with FillOrder 1");
-            return Err(IoError::unsupported(name, message));
+            return Err(input.unsupported(message));
         }
     }
     let mut list = |tag| decoder.find_tag_unsigned_vec::<u64>(tag).map(Option::unwrap_or_default).map_err(failed);
@@ -183,11 +179,11 @@ fn in_order<'a, R: Read + Seek>(name: &Path, bytes: &'a [u8], decoder: &mut Deco
     let counts = [list(Tag::StripByteCounts)?, list(Tag::TileByteCounts)?].concat();
     let mut blocks: Vec<[u64; 2]> = starts.into_iter().zip(counts).map(|(start, count)| [start, start.saturating_add(count)]).collect();
     blocks.sort_unstable();
-    let mut ordered = bytes.to_vec();
+    let mut ordered = input.bytes.to_vec();
     let mut done = 0u64;
     for [start, end] in blocks {
         // Blocks may share bytes.
-        let range = usize::try_from(start.max(done)).ok().zip(usize::try_from(end.min(bytes.len() as u64)).ok());
+        let range = usize::try_from(start.max(done)).ok().zip(usize::try_from(end.min(input.length())).ok());
         if let Some(block) = range.and_then(|(start, end)| ordered.get_mut(start..end)) {
             block.iter_mut().for_each(|byte| *byte = byte.reverse_bits());
         }

@@ -6,8 +6,6 @@
 //! the lens that makers' files hold are not applied. Degenerate: mosaics other than Bayer's and
 //! cameras that the library does not know are errors; its panics are contained by the callers.
 
-use std::path::Path;
-
 use luxel_core::photo::{Exif, PhotoInfo, PhotoKind, RawInfo, RawPixels};
 use rawler::decoders::{Decoder, RawDecodeParams, RawMetadata};
 use rawler::formats::tiff::Rational;
@@ -18,13 +16,14 @@ use rawler::{RawImage, RawImageData};
 
 use super::exif::{exif_of_file, seconds_since_1970};
 use crate::IoError;
+use crate::input::Input;
 
 /// Most components of the length of an image's side, pixels, that a sensor has.
 const MAX_SIDE: usize = 1 << 16;
 
 /// A file that the library knows.
 struct CameraFile<'a> {
-    name: &'a Path,
+    input: Input<'a>,
     source: RawSource,
     decoder: Box<dyn Decoder>,
 }
@@ -39,42 +38,42 @@ struct Area {
 }
 
 impl<'a> CameraFile<'a> {
-    fn open(name: &'a Path, bytes: &[u8]) -> Result<Self, IoError> {
-        let source = RawSource::new_from_slice(bytes).with_path(name);
-        let decoder = rawler::get_decoder(&source).map_err(|error| refused(name, &error.to_string()))?;
-        Ok(Self { name, source, decoder })
+    fn open(input: Input<'a>) -> Result<Self, IoError> {
+        let source = RawSource::new_from_slice(input.bytes).with_path(input.name);
+        let decoder = rawler::get_decoder(&source).map_err(|error| refused(input, &error.to_string()))?;
+        Ok(Self { input, source, decoder })
     }
 
     /// Returns the image, without samples if `is_head`.
     fn image(&self, is_head: bool) -> Result<RawImage, IoError> {
         let image = self.decoder.raw_image(&self.source, &RawDecodeParams::default(), is_head);
-        let image = image.map_err(|error| refused(self.name, &error.to_string()))?;
+        let image = image.map_err(|error| refused(self.input, &error.to_string()))?;
         match image.width.max(image.height) {
             1..=MAX_SIDE => Ok(image),
-            _ => Err(IoError::invalid(self.name, format!("{} x {} pixels, expected a sensor's", image.width, image.height))),
+            _ => Err(self.input.invalid(format!("{} x {} pixels, expected a sensor's", image.width, image.height))),
         }
     }
 
     fn metadata(&self) -> Result<RawMetadata, IoError> {
         let found = self.decoder.raw_metadata(&self.source, &RawDecodeParams::default());
-        found.map_err(|error| refused(self.name, &error.to_string()))
+        found.map_err(|error| refused(self.input, &error.to_string()))
     }
 }
 
 /// Returns the error about a file that is not read.
-fn refused(name: &Path, reason: &str) -> IoError {
-    IoError::unsupported(name, format!("{reason}; convert the file with a DNG converter, which loses nothing"))
+fn refused(input: Input<'_>, reason: &str) -> IoError {
+    input.unsupported(format!("{reason}; convert the file with a DNG converter, which loses nothing"))
 }
 
 /// Reads the headers.
 ///
 /// # Errors
 /// A camera that the library does not know, or a damaged file.
-pub(super) fn info(name: &Path, bytes: &[u8]) -> Result<PhotoInfo, IoError> {
-    let file = CameraFile::open(name, bytes)?;
+pub(super) fn info(input: Input<'_>) -> Result<PhotoInfo, IoError> {
+    let file = CameraFile::open(input)?;
     let image = file.image(true)?;
-    let Area { width, height, .. } = area(name, &image)?;
-    let exif = exif(&file.metadata()?, exif_of_file(bytes));
+    let Area { width, height, .. } = area(input, &image)?;
+    let exif = exif(&file.metadata()?, exif_of_file(input.bytes));
     let size_px = [width as u32, height as u32];
     Ok(PhotoInfo {
         kind: PhotoKind::Raw,
@@ -92,13 +91,13 @@ pub(super) fn info(name: &Path, bytes: &[u8]) -> Result<PhotoInfo, IoError> {
 ///
 /// # Errors
 /// Those of [`info`], and a mosaic other than Bayer's.
-pub(super) fn pixels(name: &Path, bytes: &[u8]) -> Result<RawPixels, IoError> {
-    let image = CameraFile::open(name, bytes)?.image(false)?;
-    cropped(name, &image)
+pub(super) fn pixels(input: Input<'_>) -> Result<RawPixels, IoError> {
+    let image = CameraFile::open(input)?.image(false)?;
+    cropped(input, &image)
 }
 
 /// Returns the part of the sensor that is used.
-fn area(name: &Path, image: &RawImage) -> Result<Area, IoError> {
+fn area(input: Input<'_>, image: &RawImage) -> Result<Area, IoError> {
     let rect = image.crop_area.or(image.active_area);
     let area = rect.map_or(Area { left: 0, top: 0, width: image.width, height: image.height }, |rect| Area {
         left: rect.p.x,
@@ -111,19 +110,16 @@ fn area(name: &Path, image: &RawImage) -> Result<Area, IoError> {
         true => Ok(area),
         false => {
             let message = format!("crop {area:?} of a sensor of {} x {} pixels, expected one inside", image.width, image.height);
-            Err(IoError::invalid(name, message))
+            Err(input.invalid(message))
         }
     }
 }
 
-fn cropped(name: &Path, image: &RawImage) -> Result<RawPixels, IoError> {
-    let area = area(name, image)?;
-    let RawImageData::Integer(samples) = &image.data else { return Err(refused(name, "floating-point samples")) };
+fn cropped(input: Input<'_>, image: &RawImage) -> Result<RawPixels, IoError> {
+    let area = area(input, image)?;
+    let RawImageData::Integer(samples) = &image.data else { return Err(refused(input, "floating-point samples")) };
     if samples.len() != image.width * image.height * image.cpp {
-        return Err(IoError::invalid(
-            name,
-            format!("{} samples, expected {} x {} x {}", samples.len(), image.width, image.height, image.cpp),
-        ));
+        return Err(input.invalid(format!("{} samples, expected {} x {} x {}", samples.len(), image.width, image.height, image.cpp)));
     }
     let (cell, black) = match &image.photometric {
         RawPhotometricInterpretation::Cfa(mosaic) if image.cpp == 1 && (mosaic.cfa.width, mosaic.cfa.height) == (2, 2) => {
@@ -138,9 +134,9 @@ fn cropped(name: &Path, image: &RawImage) -> Result<RawPixels, IoError> {
         }
         RawPhotometricInterpretation::Cfa(mosaic) => {
             let message = format!("a mosaic of {} x {}, expected Bayer's of 2 x 2", mosaic.cfa.width, mosaic.cfa.height);
-            return Err(refused(name, &message));
+            return Err(refused(input, &message));
         }
-        _ => return Err(refused(name, &format!("{} samples a pixel without a mosaic, expected 3", image.cpp))),
+        _ => return Err(refused(input, &format!("{} samples a pixel without a mosaic, expected 3", image.cpp))),
     };
     let row = |y: usize| {
         let first = ((area.top + y) * image.width + area.left) * image.cpp;
@@ -211,6 +207,7 @@ fn exif(metadata: &RawMetadata, own: Exif) -> Exif {
 #[cfg(test)]
 mod tests {
     use std::collections::HashMap;
+    use std::path::Path;
 
     use rawler::cfa::{CFA, PlaneColor};
     use rawler::decoders::{Camera, Orientation};
@@ -250,20 +247,20 @@ mod tests {
 
     #[test]
     fn the_crop_moves_the_mosaic_and_its_levels() {
-        let name = Path::new("a.nef");
-        let found = cropped(name, &sensor("RGGB")).unwrap();
+        let input = Input::new("a.nef", &[]);
+        let found = cropped(input, &sensor("RGGB")).unwrap();
         assert_eq!((found.width, found.height, found.cell), (4, 2, Some([2, 1, 1, 0])));
         assert_eq!(found.codes, [7, 8, 9, 10, 13, 14, 15, 16]);
         assert_eq!((found.black, found.white), ([515.0, 514.0, 513.0, 512.0], 15000.0));
         let info = raw_info(&sensor("RGGB"));
         assert_eq!(info.as_shot_neutral, Some([0.5, 1.0, 1.0 / f64::from(1.6f32)]));
         assert_eq!(info.camera_from_xyz, [(2856.0, [0.25; 9]), (6504.0, [0.5; 9])]);
-        let trans = cropped(name, &sensor("GGRGGBGGBGGRBRGRBGGGBGGRGGRGGBRBGBRG")).unwrap_err();
+        let trans = cropped(input, &sensor("GGRGGBGGBGGRBRGRBGGGBGGRGGRGGBRBGBRG")).unwrap_err();
         assert!(trans.message.contains("a mosaic of 6 x 6, expected Bayer's of 2 x 2; convert the file with a DNG converter"), "{trans}");
         let beyond = RawImage { crop_area: Some(Rect::new(Point::new(4, 0), Dim2::new(4, 2))), ..sensor("RGGB") };
-        assert!(cropped(name, &beyond).unwrap_err().message.contains("expected one inside"));
+        assert!(cropped(input, &beyond).unwrap_err().message.contains("expected one inside"));
         let short = RawImage { data: RawImageData::Integer(vec![0; 7]), ..sensor("RGGB") };
-        assert!(cropped(name, &short).unwrap_err().message.contains("7 samples, expected 6 x 4 x 1"));
+        assert!(cropped(input, &short).unwrap_err().message.contains("7 samples, expected 6 x 4 x 1"));
     }
 
     #[test]

@@ -9,8 +9,6 @@
 //! JPEG XL of more than 8 bits comes on the scale of 16 bits, whatever its depth: levels and the
 //! table of such files are on that scale, as Adobe's SDK decodes them.
 
-use std::path::Path;
-
 use luxel_core::photo::{CropRect, Exif, RawCorrections, RawPixels};
 use rayon::prelude::*;
 
@@ -21,7 +19,8 @@ use super::dng_tags as tag;
 use super::exif::exif_of_tags;
 use super::{jpeg_xl, lossless_jpeg};
 use crate::IoError;
-use crate::image::guard::{check_block, check_size, contain, zeroed};
+use crate::image::guard::contain;
+use crate::input::Input;
 use crate::tags::{Ifd, Tags};
 
 /// Directories that are looked through.
@@ -32,8 +31,7 @@ pub(super) struct Dng<'a> {
     tags: Tags<'a>,
     pub(super) first: Ifd<'a>,
     pub(super) image: Ifd<'a>,
-    name: &'a Path,
-    file_bytes: u64,
+    input: Input<'a>,
 }
 
 /// LinearRaw: colours without a mosaic.
@@ -48,13 +46,13 @@ const JPEG_XL: usize = 52546;
 
 impl<'a> Dng<'a> {
     /// Opens a file; `None` if it is not a DNG.
-    pub(super) fn open(name: &'a Path, bytes: &'a [u8]) -> Option<Result<Self, IoError>> {
-        let tags = Tags::new(bytes)?;
+    pub(super) fn open(input: Input<'a>) -> Option<Result<Self, IoError>> {
+        let tags = Tags::new(input.bytes)?;
         let first = tags.first().filter(|ifd| ifd.has(tag::DNG_VERSION))?;
         let found = largest_raw_image(&tags, &first).ok_or_else(|| {
-            IoError::invalid(name, "DNG: no mosaic or LinearRaw image in it; it is damaged or a preview only, copy or export it again")
+            input.invalid("DNG: no mosaic or LinearRaw image in it; it is damaged or a preview only, copy or export it again")
         });
-        Some(found.map(|image| Self { tags, first, image, name, file_bytes: bytes.len() as u64 }))
+        Some(found.map(|image| Self { tags, first, image, input }))
     }
 
     pub(super) fn exif(&self) -> Exif {
@@ -68,16 +66,16 @@ impl<'a> Dng<'a> {
     }
 
     pub(super) fn invalid(&self, message: impl std::fmt::Display) -> IoError {
-        IoError::invalid(self.name, format!("DNG: {message}; the file is damaged, copy or export it again"))
+        self.input.invalid(format!("DNG: {message}; the file is damaged, copy or export it again"))
     }
 
     pub(super) fn unsupported(&self, message: impl std::fmt::Display) -> IoError {
-        IoError::unsupported(self.name, format!("DNG: {message}; convert it with a DNG converter, or develop it to OpenEXR"))
+        self.input.unsupported(format!("DNG: {message}; convert it with a DNG converter, or develop it to OpenEXR"))
     }
 
     fn stored_size(&self) -> Result<[usize; 2], IoError> {
         let [width, height] = [tag::WIDTH, tag::HEIGHT].map(|t| self.image.unsigned(t).unwrap_or(0));
-        check_size(self.name, [width as u64, height as u64], self.file_bytes)?;
+        self.input.check_size([width as u64, height as u64])?;
         Ok([width, height])
     }
 
@@ -141,9 +139,9 @@ impl<'a> Dng<'a> {
         let turn = |cell: [u8; 4], by: [usize; 2]| [0, 1, 2, 3].map(|i| cell[((i / 2 + by[1]) % 2) * 2 + (i % 2 + by[0]) % 2]);
         let mut stored = self.without_fields(self.read_chunks(size, per_pixel, bits)?, size, per_pixel)?;
         let cell = stored_cell.map(|cell| turn(cell, crop.area));
-        let samples = Samples { name: self.name, codes: &mut stored, width: size[0], per_pixel, origin: [0, 0], cell };
-        correct_stored(&plan, samples)?;
-        let mut codes = zeroed::<u16>(self.name, crop.width * crop.height * per_pixel)?;
+        let samples = Samples { codes: &mut stored, width: size[0], per_pixel, origin: [0, 0], cell };
+        correct_stored(self.input, &plan, samples)?;
+        let mut codes = self.input.zeroed::<u16>(crop.width * crop.height * per_pixel)?;
         let row = crop.width * per_pixel;
         for (y, out) in codes.chunks_exact_mut(row).enumerate() {
             let start = ((crop.top + y) * size[0] + crop.left) * per_pixel;
@@ -170,7 +168,7 @@ impl<'a> Dng<'a> {
         }
         let cell = stored_cell.map(|cell| turn(cell, shift));
         let mut pixels = RawPixels { width: crop.width, height: crop.height, cell, codes, black, white, corrections: None };
-        correct_linear(self.name, &plan, &mut pixels, shift);
+        correct_linear(&plan, &mut pixels, shift);
         pixels.corrections = self.corrections(plan, shift, &default_crop)?;
         Ok(pixels)
     }
@@ -222,7 +220,7 @@ impl<'a> Dng<'a> {
             return Ok(stored);
         }
         let from_x: Vec<usize> = (0..width).map(|x| place_in_fields(x, columns, width) * per_pixel).collect();
-        let mut out = zeroed::<u16>(self.name, stored.len())?;
+        let mut out = self.input.zeroed::<u16>(stored.len())?;
         let row = width * per_pixel;
         for (y, out) in out.chunks_exact_mut(row).enumerate() {
             let from = stored.get(place_in_fields(y, rows, height) * row..).unwrap_or_default();
@@ -270,11 +268,11 @@ impl<'a> Dng<'a> {
         // hold.
         let [tile_width, tile_height] = [chunk_width as u64, chunk_height as u64];
         let tile_bytes = tile_width.saturating_mul(tile_height).saturating_mul((per_pixel * size_of::<u16>()) as u64);
-        let size_of_tile = check_size(self.name, [tile_width, tile_height], self.file_bytes);
+        let size_of_tile = self.input.check_size([tile_width, tile_height]);
         // Flat tiles of JPEG XL take next to nothing.
-        let is_block = self.compression() == JPEG_XL || check_block(self.name, tile_bytes, self.file_bytes).is_ok();
+        let is_block = self.compression() == JPEG_XL || self.input.check_block(tile_bytes).is_ok();
         if size_of_tile.is_err() || !is_block {
-            let file_bytes = self.file_bytes;
+            let file_bytes = self.input.length();
             return Err(self.invalid(format_args!("tiles of {chunk_width} x {chunk_height} pixels in a file of {file_bytes} bytes")));
         }
         let tags = if is_tiled { [tag::TILE_OFFSETS, tag::TILE_BYTES] } else { [tag::STRIP_OFFSETS, tag::STRIP_BYTES] };
@@ -285,14 +283,14 @@ impl<'a> Dng<'a> {
             return Err(self.invalid(format_args!("{} tiles of {} lengths, expected {expected}", offsets.len(), lengths.len())));
         }
         let row = width * per_pixel;
-        let mut out = zeroed::<u16>(self.name, row * height)?;
+        let mut out = self.input.zeroed::<u16>(row * height)?;
         let chunk = Chunk { width: chunk_width, height: chunk_height, per_pixel, bits };
         out.par_chunks_mut(row * chunk_height).enumerate().try_for_each(|(down, band)| {
             let rows = band.len() / row;
             for (i, (&offset, &length)) in offsets.iter().zip(&lengths).enumerate().skip(down * across).take(across) {
                 let bytes =
                     self.tags.slice(offset, length).ok_or_else(|| self.invalid(format_args!("tile {i} lies outside of the file")))?;
-                let samples = contain(self.name, || self.decode_chunk(i, bytes, chunk, rows))?;
+                let samples = contain(self.input.name, || self.decode_chunk(i, bytes, chunk, rows))?;
                 let left = (i - down * across) * chunk_width * per_pixel;
                 let wanted = (row - left).min(chunk_width * per_pixel);
                 for (y, out) in band.chunks_exact_mut(row).enumerate() {

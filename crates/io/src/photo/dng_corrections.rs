@@ -7,13 +7,12 @@
 //! requires and that is not known, or not at its place, is an error; an optional one is left out
 //! and named.
 
-use std::path::Path;
-
 use luxel_core::photo::{Gain, LensStep, RawPixels};
 
 use super::dng_opcodes::{BadPixels, Operation, ValueMap, opcodes};
 use super::dng_samples::{Samples, ValueRange};
 use crate::IoError;
+use crate::input::Input;
 
 /// Operations by the stage at which they are done.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -99,11 +98,11 @@ impl Plan {
 }
 
 /// Does what is planned for stored samples.
-pub(super) fn correct_stored(plan: &Plan, mut samples: Samples<'_>) -> Result<(), IoError> {
+pub(super) fn correct_stored(input: Input<'_>, plan: &Plan, mut samples: Samples<'_>) -> Result<(), IoError> {
     let range = ValueRange { black: [0.0; 4], white: 65535.0, saturated: f32::INFINITY };
     for step in &plan.stored {
         match step {
-            StoredStep::BadPixels(bad) => samples.fix(bad)?,
+            StoredStep::BadPixels(bad) => samples.fix(input, bad)?,
             StoredStep::Values(map) => samples.map(map, range),
         }
     }
@@ -112,7 +111,7 @@ pub(super) fn correct_stored(plan: &Plan, mut samples: Samples<'_>) -> Result<()
 
 /// Does what is planned for linear samples. Codes are put on a larger scale first, so that rounding
 /// them loses nothing.
-pub(super) fn correct_linear(name: &Path, plan: &Plan, pixels: &mut RawPixels, origin: [usize; 2]) {
+pub(super) fn correct_linear(plan: &Plan, pixels: &mut RawPixels, origin: [usize; 2]) {
     if plan.linear.is_empty() {
         return;
     }
@@ -123,6 +122,6 @@ pub(super) fn correct_linear(name: &Path, plan: &Plan, pixels: &mut RawPixels, o
     }
     let range = ValueRange { black: pixels.black, white: pixels.white, saturated: pixels.white };
     let per_pixel = if pixels.cell.is_some() { 1 } else { 3 };
-    let mut samples = Samples { name, codes: &mut pixels.codes, width: pixels.width, per_pixel, origin, cell: pixels.cell };
+    let mut samples = Samples { codes: &mut pixels.codes, width: pixels.width, per_pixel, origin, cell: pixels.cell };
     plan.linear.iter().for_each(|map| samples.map(map, range));
 }

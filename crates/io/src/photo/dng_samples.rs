@@ -5,17 +5,14 @@
 //! it is if there are none. Maps are for values from 0 to 1; results are rounded to codes and
 //! limited to the range of the type. Saturated samples stay so.
 
-use std::path::Path;
-
 use luxel_core::photo::SampleRegion;
 
 use super::dng_opcodes::{BadPixels, ValueFunction, ValueMap};
 use crate::IoError;
-use crate::image::guard::zeroed;
+use crate::input::Input;
 
 /// Codes, and their arrangement.
 pub(super) struct Samples<'a> {
-    pub(super) name: &'a Path,
     pub(super) codes: &'a mut [u16],
     /// Width, pixels.
     pub(super) width: usize,
@@ -43,13 +40,13 @@ const MAX_COVERAGE: usize = 4;
 
 impl Samples<'_> {
     /// Replaces bad samples.
-    pub(super) fn fix(&mut self, bad: &BadPixels) -> Result<(), IoError> {
-        let mut is_bad = zeroed::<bool>(self.name, self.codes.len())?;
+    pub(super) fn fix(&mut self, input: Input<'_>, bad: &BadPixels) -> Result<(), IoError> {
+        let mut is_bad = input.zeroed::<bool>(self.codes.len())?;
         match bad {
             BadPixels::Constant(code) => {
                 is_bad.iter_mut().zip(self.codes.iter()).for_each(|(is_bad, found)| *is_bad = u32::from(*found) == *code);
             }
-            BadPixels::List { points, rectangles } => self.mark(&mut is_bad, points, rectangles)?,
+            BadPixels::List { points, rectangles } => self.mark(input, &mut is_bad, points, rectangles)?,
         }
         // In place, because only good ones are read.
         for i in (0..is_bad.len()).filter(|i| is_bad[*i]) {
@@ -58,7 +55,7 @@ impl Samples<'_> {
         Ok(())
     }
 
-    fn mark(&self, is_bad: &mut [bool], points: &[[usize; 2]], rectangles: &[SampleRegion]) -> Result<(), IoError> {
+    fn mark(&self, input: Input<'_>, is_bad: &mut [bool], points: &[[usize; 2]], rectangles: &[SampleRegion]) -> Result<(), IoError> {
         let height = self.codes.len() / (self.width * self.per_pixel).max(1);
         let [left, top] = self.origin;
         let mut covered = 0usize;
@@ -75,7 +72,7 @@ impl Samples<'_> {
             covered = covered.saturating_add(rows.len().saturating_mul(columns.len()));
             if covered > MAX_COVERAGE * self.width * height {
                 let message = format!("DNG: rectangles of bad pixels cover the image more than {MAX_COVERAGE} times; the file is damaged");
-                return Err(IoError::invalid(self.name, message + ", copy or export it again"));
+                return Err(input.invalid(message + ", copy or export it again"));
             }
             for y in rows {
                 let row = (y * self.width + columns.start) * self.per_pixel;

@@ -37,6 +37,7 @@ use crate::image::guard::contain;
 use crate::image::{
     self, DecodedImage, ReadOptions, SampleDepth, decode_codes, decode_codes_of, decode_image, image_size_of, stated_primaries,
 };
+use crate::input::Input;
 use crate::tags::Tags;
 
 /// A photograph with its pixels.
@@ -93,14 +94,15 @@ fn refuse_makers_raw(name: &Path) -> Result<(), IoError> {
 /// # Errors
 /// A damaged or unknown file.
 pub fn photo_info(name: &Path, bytes: &[u8]) -> Result<PhotoInfo, IoError> {
+    let input = Input::new(name, bytes);
     #[cfg(feature = "camera-raw")]
     if makers_ending(name).is_some() {
-        return contain(name, || camera_raw::info(name, bytes));
+        return contain(name, || camera_raw::info(input));
     }
     #[cfg(not(feature = "camera-raw"))]
     refuse_makers_raw(name)?;
     contain(name, || {
-        if let Some(dng) = dng::Dng::open(name, bytes) {
+        if let Some(dng) = dng::Dng::open(input) {
             let dng = dng?;
             let (size_px, exif, raw) = (dng.size()?, dng.exif(), Some(dng.info()?));
             return Ok(PhotoInfo {
@@ -114,13 +116,13 @@ pub fn photo_info(name: &Path, bytes: &[u8]) -> Result<PhotoInfo, IoError> {
                 has_gain_map: false,
             });
         }
-        let (size_px, kind) = (image_size_of(name, bytes)?, kind_of(name, bytes)?);
+        let (size_px, kind) = (image_size_of(input)?, kind_of(input)?);
         let (mut profile, mut primaries, mut curve) = (None, None, None);
         if kind == PhotoKind::Developed {
             profile = profile_of_file(bytes);
-            curve = image::stated_curve(name, bytes)?;
+            curve = image::stated_curve(input)?;
             let of_profile = profile.as_ref().and_then(|profile| profile.space).map(ColorSpace::chromaticities);
-            primaries = stated_primaries(name, bytes, of_profile)?;
+            primaries = stated_primaries(input, of_profile)?;
         }
         Ok(PhotoInfo {
             kind,
@@ -130,7 +132,7 @@ pub fn photo_info(name: &Path, bytes: &[u8]) -> Result<PhotoInfo, IoError> {
             profile,
             primaries,
             curve,
-            has_gain_map: image::has_gain_map(name, bytes),
+            has_gain_map: image::has_gain_map(input),
         })
     })
 }
@@ -149,24 +151,25 @@ pub fn decode_photo(name: &Path, bytes: &[u8]) -> Result<Photo, IoError> {
 /// # Errors
 /// The same as [`decode_photo`].
 pub fn decode_photo_layer(name: &Path, bytes: &[u8], layer: Option<&str>) -> Result<Photo, IoError> {
+    let input = Input::new(name, bytes);
     #[cfg(feature = "camera-raw")]
     if makers_ending(name).is_some() {
-        return contain(name, || camera_raw::pixels(name, bytes)).map(Photo::Raw);
+        return contain(name, || camera_raw::pixels(input)).map(Photo::Raw);
     }
     #[cfg(not(feature = "camera-raw"))]
     refuse_makers_raw(name)?;
-    if let Some(dng) = dng::Dng::open(name, bytes) {
+    if let Some(dng) = dng::Dng::open(input) {
         let dng = dng?;
         return contain(name, || dng.pixels()).map(Photo::Raw);
     }
-    if image::states_hdr_curve(name, bytes) {
+    if image::states_hdr_curve(input) {
         return decode_image(name, bytes, &ReadOptions::default()).map(Photo::Radiance);
     }
-    if let Some((width, height, codes)) = image::jpeg_codes(name, bytes)? {
+    if let Some((width, height, codes)) = image::jpeg_codes(input)? {
         return Ok(Photo::Developed { width, height, codes: Codes::U8(codes) });
     }
     // Codes over the largest one, which f32 holds exactly enough to have the codes back.
-    let decoded = decode_codes_of(name, bytes, layer)?;
+    let decoded = decode_codes_of(input, layer)?;
     let flat = decoded.image.pixels.as_flattened();
     let codes = match decoded.depth {
         SampleDepth::Float => return Ok(Photo::Radiance(decoded)),
@@ -178,9 +181,10 @@ pub fn decode_photo_layer(name: &Path, bytes: &[u8], layer: Option<&str>) -> Res
 
 /// Returns the kind of a file that is not RAW, by its first bytes and, of TIFF, by its sample
 /// format.
-fn kind_of(name: &Path, bytes: &[u8]) -> Result<PhotoKind, IoError> {
+fn kind_of(input: Input<'_>) -> Result<PhotoKind, IoError> {
     const SAMPLE_FORMAT: u16 = 339;
-    if image::states_hdr_curve(name, bytes) {
+    let Input { name, bytes } = input;
+    if image::states_hdr_curve(input) {
         return Ok(PhotoKind::Radiance);
     }
     if bytes.starts_with(&[0xff, 0xd8]) || bytes.starts_with(b"\x89PNG") {

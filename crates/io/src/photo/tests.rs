@@ -10,6 +10,7 @@ use super::*;
 use crate::IoErrorKind;
 use crate::icc::tests::display_p3;
 use crate::image::{ReadOptions, Transfer, decode_image};
+use crate::input::Input;
 
 /// Returns a TIFF's first directory, for tests: entries of (tag, type, count, bytes), values that
 /// do not fit behind it, then data.
@@ -355,7 +356,7 @@ fn codes_of_a_png_stay_and_its_primaries_are_told() {
     // Zeros of a program that knew none.
     assert_eq!(photo_info(Path::new("a.png"), &with_chunk(&png, b"cHRM", &[0; 32])).unwrap().primaries, None);
     // An ICC profile goes between cICP and the rest.
-    let stated = |bytes: &[u8]| stated_primaries(Path::new("a.png"), bytes, Some(p3)).unwrap();
+    let stated = |bytes: &[u8]| stated_primaries(Input::new("a.png", bytes), Some(p3)).unwrap();
     assert_eq!(stated(&with_chunk(&png, b"cHRM", &chrm(dci_p3))), Some(p3));
     assert_eq!(stated(&with_chunk(&png, b"cICP", &[6, 6, 0, 1])), Some(rec601));
 }

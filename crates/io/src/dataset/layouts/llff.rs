@@ -18,6 +18,7 @@ use crate::dataset::files::{is_image, view_name};
 use crate::dataset::intrinsics::{Focal, Intrinsics};
 use crate::dataset::source::{DatasetSource, Origin, Recording, SourceFrame, split_beside};
 use crate::image::npy::decode_table;
+use crate::input::Input;
 use crate::read_file::read_file;
 
 const TABLE: &str = "poses_bounds_exps.npy";
@@ -107,7 +108,7 @@ pub(in crate::dataset) fn images(folder: &Path) -> Result<Vec<PathBuf>, IoError>
 /// No table of 18 columns, or a row that holds no pose, size, focal length or exposure; rows are
 /// counted from 0.
 pub fn parse_recorded_poses(path: &Path, bytes: &[u8]) -> Result<Vec<RecordedPose>, IoError> {
-    let table = decode_table::<COLUMNS>(path, bytes)?;
+    let table = decode_table::<COLUMNS>(Input::new(path, bytes))?;
     let row = |(row, numbers): (usize, &[f64; COLUMNS])| {
         recorded_pose(numbers).map_err(|message| IoError::invalid(path, format!("row {row}: {message}")))
     };

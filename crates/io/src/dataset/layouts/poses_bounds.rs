@@ -19,6 +19,7 @@ use crate::dataset::intrinsics::{Focal, Intrinsics};
 use crate::dataset::source::{DatasetSource, Origin, SourceFrame, split_beside};
 use crate::image::image_size;
 use crate::image::npy::decode_table;
+use crate::input::Input;
 use crate::read_file::read_file;
 
 pub(in crate::dataset) const TABLE: &str = "poses_bounds.npy";
@@ -63,7 +64,7 @@ fn image_folder(folder: &Path) -> Option<PathBuf> {
 /// No table of 17 columns, or a row that holds no pose, size or focal length; rows are counted from
 /// 0.
 pub fn parse_poses_bounds(path: &Path, bytes: &[u8]) -> Result<Vec<BoundedPose>, IoError> {
-    let table = decode_table::<COLUMNS>(path, bytes)?;
+    let table = decode_table::<COLUMNS>(Input::new(path, bytes))?;
     let row = |(row, numbers): (usize, &[f64; COLUMNS])| {
         let [pose @ .., near, far] = numbers;
         let LlffPose { camera_from_world, size_px, focal_px } =
