@@ -101,7 +101,8 @@ pub fn read_scene_file(path: &Path) -> Result<SceneFile, IoError> {
         Some(SceneFormat::UsdBinary) => usd::read_binary_file(path),
         Some(SceneFormat::Archive) => {
             let bytes = read_file(path)?;
-            if sog::is_sog(&bytes) { sog::decode(path, &bytes) } else { usd::decode_binary_file(path, &bytes) }
+            let input = Input::new(path, &bytes);
+            if sog::is_sog(&bytes) { sog::decode(input) } else { usd::decode_binary_file(input) }
         }
         Some(SceneFormat::Glb) => gltf::read_scene_file(path),
         Some(SceneFormat::Spz) => spz::read_scene_file(path),

@@ -12,6 +12,7 @@ use super::document::{Document, Node, Primitive};
 use super::{CHUNK_BIN, CHUNK_JSON, EXTENSION, GLB_MAGIC, KHR, accessor, conventions};
 use crate::IoError;
 use crate::bake::{BakeRecord, Origin, RECORD_KEY, WorldRecord, place};
+use crate::input::Input;
 use crate::joined::{MAX_PARTS, join, similarity, suitable};
 use crate::local_frame::{LocalFrame, settle};
 use crate::read_file::read_file;
@@ -35,7 +36,7 @@ pub fn read_glb(path: &Path) -> Result<Scene, IoError> {
 
 /// Reads a scene with its warnings.
 pub(crate) fn read_scene_file(path: &Path) -> Result<SceneFile, IoError> {
-    decode(path, &read_file(path)?)
+    decode(Input::new(path, &read_file(path)?))
 }
 
 /// Decodes a file's bytes as [`read_glb`] does; `name` is for errors.
@@ -43,12 +44,12 @@ pub(crate) fn read_scene_file(path: &Path) -> Result<SceneFile, IoError> {
 /// # Errors
 /// The same as [`read_glb`].
 pub fn decode_glb(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
-    decode(name, bytes).map(|file| file.scene)
+    decode(Input::new(name, bytes)).map(|file| file.scene)
 }
 
-fn decode(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
-    let invalid = |message: String| IoError::invalid(name, message);
-    let (json, bin) = chunks(bytes).map_err(invalid)?;
+fn decode(input: Input<'_>) -> Result<SceneFile, IoError> {
+    let invalid = |message: String| input.invalid(message);
+    let (json, bin) = chunks(input.bytes).map_err(invalid)?;
     let document: Document = serde_json::from_slice(json).map_err(|e| invalid(format!("JSON: {e}")))?;
     let mut visited = Visited::default();
     for node in roots(&document).map_err(invalid)? {
@@ -58,7 +59,7 @@ fn decode(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
     let mut placed = Vec::with_capacity(visited.primitives.len());
     let (mut left_out, mut count, mut warnings) = (LeftOut::default(), 0, Vec::new());
     for (primitive, matrix) in visited.primitives {
-        let moved = similarity(matrix).map_err(|message| IoError::unsupported(name, message))?;
+        let moved = similarity(matrix).map_err(|message| input.unsupported(message))?;
         let mut part = read_primitive(&document, bin, primitive, record.as_ref(), &mut warnings).map_err(invalid)?;
         count += part.scene.splats.len() as u64;
         left_out.add(leave_out_unusable(&mut part.scene.splats));
@@ -80,8 +81,8 @@ fn decode(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
         check_rotations(&part.scene.splats).map_err(invalid)?;
         scenes.push(part.scene);
     }
-    let none = || IoError::unsupported(name, format!("no primitive with {KHR}: no splats in this file's scene"));
-    let scene = join(scenes).map_err(|message| IoError::unsupported(name, message))?.ok_or_else(none)?;
+    let none = || input.unsupported(format!("no primitive with {KHR}: no splats in this file's scene"));
+    let scene = join(scenes).map_err(|message| input.unsupported(message))?.ok_or_else(none)?;
     warnings.extend(left_out.lines(count));
     warnings.dedup();
     Ok(SceneFile { scene, warnings })

@@ -12,6 +12,7 @@ use super::unpacked::{Packed, files};
 use super::writer::{LARGEST_IS_W, PALETTE_ACROSS, STEPS, VERSION};
 use crate::IoError;
 use crate::image::guard::contain;
+use crate::input::Input;
 use crate::local_frame::settled;
 use crate::memory::check_memory;
 use crate::read_file::read_file;
@@ -89,18 +90,18 @@ pub fn read_sog(path: &Path) -> Result<Scene, IoError> {
 /// # Errors
 /// The same as [`read_sog`].
 pub fn decode_sog(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
-    decode(name, bytes).map(|file| file.scene)
+    decode(Input::new(name, bytes)).map(|file| file.scene)
 }
 
 /// Decodes a scene with its warnings.
-pub(crate) fn decode(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
-    let invalid = |message: String| IoError::invalid(name, format_args!("SOG: {message}"));
-    let archive = Archive { name, files: files(bytes).map_err(invalid)? };
+pub(crate) fn decode(input: Input<'_>) -> Result<SceneFile, IoError> {
+    let invalid = |message: String| input.invalid(format_args!("SOG: {message}"));
+    let archive = Archive { input, files: files(input.bytes).map_err(invalid)? };
     let meta = archive.file(META)?.content().map_err(invalid)?;
     let meta: Meta = serde_json::from_slice(&meta).map_err(|e| invalid(format!("{META}: {e}; export the file again")))?;
     if meta.version != VERSION {
         let message = format!("SOG version {}, expected {VERSION}; convert it with splat-transform", meta.version);
-        return Err(IoError::unsupported(name, message));
+        return Err(input.unsupported(message));
     }
     let missing = |what: &str| invalid(format!("{META}: no {what:?}; the file is damaged, export it again"));
     let count = meta.count.ok_or_else(|| missing("count"))?;
@@ -130,7 +131,7 @@ pub(crate) fn decode(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
 
 /// The files of a scene.
 struct Archive<'a> {
-    name: &'a Path,
+    input: Input<'a>,
     files: Vec<Packed<'a>>,
 }
 
@@ -142,7 +143,7 @@ struct Pixels {
 
 impl<'a> Archive<'a> {
     fn invalid(&self, message: impl std::fmt::Display) -> IoError {
-        IoError::invalid(self.name, format_args!("SOG: {message}; the file is damaged, export it again"))
+        self.input.invalid(format_args!("SOG: {message}; the file is damaged, export it again"))
     }
 
     fn file(&self, name: &str) -> Result<&Packed<'a>, IoError> {
@@ -153,14 +154,14 @@ impl<'a> Archive<'a> {
     fn pixels(&self, name: &str, count: usize) -> Result<Pixels, IoError> {
         let bytes = self.file(name)?.content().map_err(|e| self.invalid(e))?;
         let failed = |e: image_webp::DecodingError| self.invalid(format_args!("{name}: {e}"));
-        let pixels = contain(self.name, || {
+        let pixels = contain(self.input.name, || {
             let mut decoder = WebPDecoder::new(Cursor::new(bytes.as_ref())).map_err(failed)?;
             let (width, height) = decoder.dimensions();
             let pixels = u64::from(width) * u64::from(height);
             if pixels < count as u64 {
                 return Err(self.invalid(format_args!("{name}: {width} x {height} pixels for {count} splats")));
             }
-            check_memory(self.name, pixels.saturating_mul(12))?;
+            check_memory(self.input.name, pixels.saturating_mul(12))?;
             let channels = if decoder.has_alpha() { 4 } else { 3 };
             let mut out = vec![0; pixels as usize * channels];
             decoder.read_image(&mut out).map_err(failed)?;
@@ -220,7 +221,7 @@ impl<'a> Archive<'a> {
         let codebook = self.codebook(&harmonics.codebook, centroids)?;
         let labels = self.pixels(labels, constants.len())?;
         let palette = self.pixels(centroids, 0)?;
-        check_memory(self.name, (constants.len() as u64).saturating_mul(12 * (higher as u64 + 1)))?;
+        check_memory(self.input.name, (constants.len() as u64).saturating_mul(12 * (higher as u64 + 1)))?;
         let mut out = Vec::with_capacity(constants.len() * 3 * (higher + 1));
         for (i, (constant, [low, high, ..])) in constants.iter().zip(&labels.rgba).enumerate() {
             let label = usize::from(u16::from_le_bytes([*low, *high]));

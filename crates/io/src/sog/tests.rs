@@ -7,6 +7,7 @@ use super::codebook::Codebook;
 use super::palette::Palette;
 use super::*;
 use crate::bake::{Appearance, BakeOptions, Baked};
+use crate::input::Input;
 
 fn baked(count: usize, max_degree: u8) -> Baked {
     let scene = Scene {
@@ -179,7 +180,7 @@ fn the_model_of_the_splats_is_read_by_both_of_its_names() {
             };
             archive::File { name: name.clone().leak(), bytes }
         };
-        decode(Path::new("a.sog"), &archive::archive(&found.iter().map(pack).collect::<Vec<_>>()).unwrap()).unwrap()
+        decode(Input::new("a.sog", &archive::archive(&found.iter().map(pack).collect::<Vec<_>>()).unwrap())).unwrap()
     };
     for (stated, expected) in
         [("\"antialias\":true", Antialias::Mip), ("\"model\":\"antialiased\"", Antialias::Mip), ("\"model\":\"default\"", Antialias::Off)]

@@ -11,6 +11,7 @@ use super::layout::{
     unpack_coordinate, unpack_harmonic, unpack_log_scale, unpack_opacity, unpack_rotation_first_three, unpack_rotation_smallest_three,
 };
 use crate::IoError;
+use crate::input::Input;
 use crate::local_frame::settled;
 use crate::memory::check_memory;
 use crate::read_file::read_file;
@@ -36,7 +37,7 @@ pub fn read_spz(path: &Path) -> Result<Scene, IoError> {
 
 /// Reads a scene with its warnings.
 pub(crate) fn read_scene_file(path: &Path) -> Result<SceneFile, IoError> {
-    decode(path, &read_file(path)?)
+    decode(Input::new(path, &read_file(path)?))
 }
 
 /// Decodes a file's bytes as [`read_spz`] does; `name` is for errors.
@@ -44,17 +45,17 @@ pub(crate) fn read_scene_file(path: &Path) -> Result<SceneFile, IoError> {
 /// # Errors
 /// The same as [`read_spz`].
 pub fn decode_spz(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
-    decode(name, bytes).map(|file| file.scene)
+    decode(Input::new(name, bytes)).map(|file| file.scene)
 }
 
-fn decode(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
+fn decode(input: Input<'_>) -> Result<SceneFile, IoError> {
     let Content { head, blocks, extensions } =
-        if bytes.starts_with(&MAGIC.to_le_bytes()) { zstd_blocks(name, bytes)? } else { gzip_blocks(name, bytes)? };
+        if input.bytes.starts_with(&MAGIC.to_le_bytes()) { zstd_blocks(input)? } else { gzip_blocks(input)? };
     let mut warnings = Vec::new();
     let axes = match stated_axes(&extensions) {
         Some(code) => FileAxes::from_code(code).ok_or_else(|| {
             let message = format!("extension SPZ_ADOBE_coordinate_system states axes {code}, expected 1 to 16; export it again");
-            IoError::unsupported(name, message)
+            input.unsupported(message)
         })?,
         None => {
             warnings.push(UNSTATED_AXES.to_owned());
@@ -105,10 +106,10 @@ struct Head {
 }
 
 impl Head {
-    fn parse(name: &Path, bytes: &[u8]) -> Result<Self, IoError> {
-        let invalid = |message: String| IoError::invalid(name, format_args!("header: {message}"));
-        let Some((head, _)) = bytes.split_first_chunk::<LEGACY_HEADER>() else {
-            return Err(invalid(format!("{} bytes, expected {LEGACY_HEADER} at least; the file is truncated", bytes.len())));
+    fn parse(input: Input<'_>) -> Result<Self, IoError> {
+        let invalid = |message: String| input.invalid(format_args!("header: {message}"));
+        let Some((head, _)) = input.bytes.split_first_chunk::<LEGACY_HEADER>() else {
+            return Err(invalid(format!("{} bytes, expected {LEGACY_HEADER} at least; the file is truncated", input.bytes.len())));
         };
         let word = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
         if word(0) != MAGIC {
@@ -118,7 +119,7 @@ impl Head {
         let [degree, bits, flags, streams] = [head[12], head[13], head[14], head[15]];
         if !(2..=4).contains(&version) {
             let message = format!("SPZ version {version}, expected 2 to 4; convert it with the program it is from");
-            return Err(IoError::unsupported(name, message));
+            return Err(input.unsupported(message));
         }
         if degree > 4 {
             return Err(invalid(format!("harmonics of degree {degree}, expected 0 to 4")));
@@ -129,16 +130,16 @@ impl Head {
         Ok(Self { version, count: count as usize, degree: degree.into(), bits, flags, streams })
     }
 
-    /// Refuses more splats than a file of `file_bytes` can plausibly hold, or than the limit of
-    /// memory allows.
-    fn check_count(&self, name: &Path, file_bytes: usize) -> Result<(), IoError> {
+    /// Refuses more splats than the file can plausibly hold, or than the limit of memory allows.
+    fn check_count(&self, input: Input<'_>) -> Result<(), IoError> {
         let claimed: u64 = self.sizes().iter().sum();
-        if claimed > FREE_BYTES.saturating_add((file_bytes as u64).saturating_mul(MAX_RATIO)) {
+        let file_bytes = input.length();
+        if claimed > FREE_BYTES.saturating_add(file_bytes.saturating_mul(MAX_RATIO)) {
             let message = format!("header: claims {} splats in a file of {file_bytes} bytes; the file is damaged or cut short", self.count);
-            return Err(IoError::invalid(name, message));
+            return Err(input.invalid(message));
         }
         // The bytes, and what they become: harmonics grow fourfold, all else by less.
-        check_memory(name, claimed.saturating_mul(5))
+        check_memory(input.name, claimed.saturating_mul(5))
     }
 
     /// Returns the bytes of each block.
@@ -147,28 +148,28 @@ impl Head {
     }
 }
 
-fn truncated(name: &Path, expected: u64, found: usize) -> IoError {
-    IoError::invalid(name, format_args!("{found} bytes of splats, expected {expected}; the file is truncated or its header wrong"))
+fn truncated(input: Input<'_>, expected: u64, found: usize) -> IoError {
+    input.invalid(format_args!("{found} bytes of splats, expected {expected}; the file is truncated or its header wrong"))
 }
 
 /// Reads the blocks of versions 2 and 3.
-fn gzip_blocks(name: &Path, bytes: &[u8]) -> Result<Content, IoError> {
-    let damaged = |e: std::io::Error| IoError::invalid(name, format_args!("gzip: {e}; the file is damaged or cut short"));
-    let mut decoder = GzDecoder::new(bytes);
+fn gzip_blocks(input: Input<'_>) -> Result<Content, IoError> {
+    let damaged = |e: std::io::Error| input.invalid(format_args!("gzip: {e}; the file is damaged or cut short"));
+    let mut decoder = GzDecoder::new(input.bytes);
     let mut start = Vec::new();
     decoder.by_ref().take(LEGACY_HEADER as u64).read_to_end(&mut start).map_err(damaged)?;
-    let head = Head::parse(name, &start)?;
+    let head = Head::parse(input.with_bytes(&start))?;
     if head.version > 3 {
-        return Err(IoError::invalid(name, "header: version 4 inside of gzip, expected it bare; the file is damaged"));
+        return Err(input.invalid("header: version 4 inside of gzip, expected it bare; the file is damaged"));
     }
-    head.check_count(name, bytes.len())?;
+    head.check_count(input)?;
     let mut blocks = Vec::with_capacity(6);
     for size in head.sizes() {
         let mut block = Vec::new();
         // Grows with the data, never with the claim.
         decoder.by_ref().take(size).read_to_end(&mut block).map_err(damaged)?;
         if block.len() as u64 != size {
-            return Err(truncated(name, size, block.len()));
+            return Err(truncated(input, size, block.len()));
         }
         blocks.push(block);
     }
@@ -182,13 +183,14 @@ fn gzip_blocks(name: &Path, bytes: &[u8]) -> Result<Content, IoError> {
 }
 
 /// Reads the blocks of version 4.
-fn zstd_blocks(name: &Path, bytes: &[u8]) -> Result<Content, IoError> {
-    let head = Head::parse(name, bytes)?;
-    let invalid = |message: String| IoError::invalid(name, format_args!("header: {message}"));
+fn zstd_blocks(input: Input<'_>) -> Result<Content, IoError> {
+    let head = Head::parse(input)?;
+    let invalid = |message: String| input.invalid(format_args!("header: {message}"));
     if head.version < 4 {
         return Err(invalid(format!("version {} without gzip, expected it compressed; the file is damaged", head.version)));
     }
-    head.check_count(name, bytes.len())?;
+    head.check_count(input)?;
+    let bytes = input.bytes;
     let table_at = bytes.get(LEGACY_HEADER..LEGACY_HEADER + 4).and_then(|b| b.try_into().ok()).map_or(0, u32::from_le_bytes) as usize;
     let expected = head.sizes().iter().filter(|size| **size > 0).count();
     if usize::from(head.streams) != expected {
@@ -212,22 +214,22 @@ fn zstd_blocks(name: &Path, bytes: &[u8]) -> Result<Content, IoError> {
             return Err(invalid(format!("a stream of {claimed} bytes, expected {size}")));
         }
         let Some((stream, after)) = usize::try_from(compressed).ok().and_then(|n| rest.split_at_checked(n)) else {
-            return Err(truncated(name, compressed, rest.len()));
+            return Err(truncated(input, compressed, rest.len()));
         };
         rest = after;
-        blocks.push(decompress(name, stream, size)?);
+        blocks.push(decompress(input.with_bytes(stream), size)?);
     }
     Ok(Content { head, blocks, extensions })
 }
 
-fn decompress(name: &Path, stream: &[u8], size: u64) -> Result<Vec<u8>, IoError> {
-    let damaged = |e: std::io::Error| IoError::invalid(name, format_args!("zstd: {e}; the file is damaged or cut short"));
+fn decompress(input: Input<'_>, size: u64) -> Result<Vec<u8>, IoError> {
+    let damaged = |e: std::io::Error| input.invalid(format_args!("zstd: {e}; the file is damaged or cut short"));
     let mut block = Vec::new();
     // Grows with the data, never with the claim.
-    let mut decoder = ::zstd::stream::read::Decoder::new(stream).map_err(damaged)?;
+    let mut decoder = ::zstd::stream::read::Decoder::new(input.bytes).map_err(damaged)?;
     decoder.by_ref().take(size).read_to_end(&mut block).map_err(damaged)?;
     if block.len() as u64 != size {
-        return Err(truncated(name, size, block.len()));
+        return Err(truncated(input, size, block.len()));
     }
     // Only the end of the stream has the checksum, if there is one.
     std::io::copy(&mut decoder, &mut std::io::sink()).map_err(damaged)?;

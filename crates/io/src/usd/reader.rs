@@ -14,6 +14,7 @@ use super::{ORDER, PRIM_TYPE, binary, color_space_named};
 use crate::IoError;
 use crate::bake::{BakeRecord, RECORD_KEY};
 use crate::byte_order_mark::MARK;
+use crate::input::Input;
 use crate::joined::{MAX_PARTS, settle_together, similarity};
 use crate::memory::check_memory;
 use crate::read_file::{open_regular, read_file};
@@ -68,7 +69,7 @@ pub(crate) fn read_binary_file(path: &Path) -> Result<SceneFile, IoError> {
     let bytes = read_file(path)?;
     // The file, and its arrays.
     check_memory(path, bytes.len() as u64 * 3)?;
-    decode_binary_file(path, &bytes)
+    decode_binary_file(Input::new(path, &bytes))
 }
 
 /// Decodes a binary file's or a package's bytes as [`read_usda`] reads text; `name` is for errors.
@@ -76,24 +77,24 @@ pub(crate) fn read_binary_file(path: &Path) -> Result<SceneFile, IoError> {
 /// # Errors
 /// The same as [`read_usda`]; a package whose scene is text, compressed or encrypted.
 pub fn decode_usdc(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
-    decode_binary_file(name, bytes).map(|file| file.scene)
+    decode_binary_file(Input::new(name, bytes)).map(|file| file.scene)
 }
 
 /// Decodes a binary file or a package with its warnings.
-pub(crate) fn decode_binary_file(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
-    let layer = if bytes.starts_with(binary::PACKAGE_MAGIC) {
-        binary::layer_in_package(bytes).map_err(|e| IoError::invalid(name, e))?
+pub(crate) fn decode_binary_file(input: Input<'_>) -> Result<SceneFile, IoError> {
+    let layer = if input.bytes.starts_with(binary::PACKAGE_MAGIC) {
+        binary::layer_in_package(input.bytes).map_err(|e| input.invalid(e))?
     } else {
-        bytes
+        input.bytes
     };
     if layer.starts_with(b"#usda") {
-        return read(name, layer);
+        return read(input.name, layer);
     }
     let found = binary::read(layer).map_err(|error| match error.is_unsupported {
-        true => IoError::unsupported(name, error.message),
-        false => IoError::invalid(name, error.message),
+        true => input.unsupported(error.message),
+        false => input.invalid(error.message),
     })?;
-    scene_of(name, found.fields, found.record, &found.unshown)
+    scene_of(input.name, found.fields, found.record, &found.unshown)
 }
 
 /// Makes a scene of the fields and the record of the bake.

@@ -10,6 +10,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::bake::{Appearance, BakeOptions, Baked};
+use crate::input::Input;
 
 fn name() -> &'static Path {
     Path::new("scene.usda")

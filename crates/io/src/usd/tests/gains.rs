@@ -13,7 +13,7 @@ fn edited() -> (Baked, [Vec<u8>; 2]) {
 }
 
 fn decode(layer: &[u8]) -> crate::scene_file::SceneFile {
-    decode_binary_file(name(), layer).unwrap()
+    decode_binary_file(Input::new(name(), layer)).unwrap()
 }
 
 /// Returns the text with the value of an attribute replaced.

@@ -10,7 +10,7 @@ const BINARY: &str = include_str!("shown.hex");
 #[test]
 fn only_prims_that_are_shown_are_read_and_the_others_are_said() {
     for layer in [TEXT.as_bytes().to_vec(), unhex(BINARY)] {
-        let file = decode_binary_file(name(), &layer).unwrap();
+        let file = decode_binary_file(Input::new(name(), &layer)).unwrap();
         assert_eq!(file.scene.splats.position, [[0.0; 3], [1.0, 0.0, 0.0]]);
         for words in [
             "left out: a prim of splats, which is not active",
