@@ -59,10 +59,11 @@ pub fn encode_deep_exr(name: &Path, image: &DeepImage, options: &ExrOptions) -> 
     if width == 0 || height == 0 || image.pixels.len() != width * height {
         return Err(IoError::invalid(name, format!("{} pixels in an image of {width} x {height}, nothing to write", image.pixels.len())));
     }
-    let mut file = header(name, image, options)?;
+    let invalid = |message: String| IoError::invalid(name, message);
+    let mut file = header(image, options).map_err(invalid)?;
     sort_attributes(&mut file);
-    let chunks: Vec<Vec<u8>> =
-        image.pixels.par_chunks(width).enumerate().map(|(y, line)| chunk(name, y, line, options.sample)).collect::<Result<_, _>>()?;
+    let lines = image.pixels.par_chunks(width).enumerate();
+    let chunks: Vec<Vec<u8>> = lines.map(|(y, line)| chunk(y, line, options.sample)).collect::<Result<_, _>>().map_err(invalid)?;
     let mut place = file.len() + height * size_of::<u64>();
     for chunk in &chunks {
         file.extend((place as u64).to_le_bytes());
@@ -73,7 +74,7 @@ pub fn encode_deep_exr(name: &Path, image: &DeepImage, options: &ExrOptions) -> 
 }
 
 /// Returns everything in front of the table of chunks.
-fn header(name: &Path, image: &DeepImage, options: &ExrOptions) -> Result<Vec<u8>, IoError> {
+fn header(image: &DeepImage, options: &ExrOptions) -> Result<Vec<u8>, String> {
     let color = match options.sample {
         ExrSample::Half => SampleType::F16,
         ExrSample::Float => SampleType::F32,
@@ -81,7 +82,7 @@ fn header(name: &Path, image: &DeepImage, options: &ExrOptions) -> Result<Vec<u8
     let channels = [("A", color), ("B", color), ("G", color), ("R", color), ("Z", SampleType::F32), ("ZBack", SampleType::F32)];
     let channels = channels.into_iter().map(|(name, kind)| ChannelDescription::named(name, kind)).collect::<SmallVec<_>>();
     let mut header = Header::new(Text::from("deep"), (image.width, image.height), channels);
-    header.own_attributes = attributes(name, options)?;
+    header.own_attributes = attributes(options)?;
     header.own_attributes.layer_name = Some(Text::from("deep"));
     let [red, green, blue, white] = options.color_space.chromaticities().map(|[x, y]| Vec2(x, y));
     header.shared_attributes.chromaticities = Some(Chromaticities { red, green, blue, white });
@@ -112,15 +113,15 @@ fn header(name: &Path, image: &DeepImage, options: &ExrOptions) -> Result<Vec<u8
         }
         ::exr::error::UnitResult::Ok(())
     };
-    write().map_err(|error| IoError::invalid(name, format!("OpenEXR: {error}")))?;
+    write().map_err(|error| format!("OpenEXR: {error}"))?;
     out.push(0);
     Ok(out)
 }
 
 /// Returns the chunk of a line: its number, three sizes, the sums of samples, the samples.
-fn chunk(name: &Path, y: usize, line: &[Vec<DeepSample>], sample: ExrSample) -> Result<Vec<u8>, IoError> {
+fn chunk(y: usize, line: &[Vec<DeepSample>], sample: ExrSample) -> Result<Vec<u8>, String> {
     if line.iter().map(Vec::len).sum::<usize>() > MOST_SAMPLES_OF_A_LINE {
-        return Err(IoError::invalid(name, format!("line {y} has more samples than OpenEXR can count; write fewer samples per pixel")));
+        return Err(format!("line {y} has more samples than OpenEXR can count; write fewer samples per pixel"));
     }
     let sums = line.iter().scan(0i32, |sum, samples| {
         *sum += samples.len() as i32;
@@ -202,8 +203,7 @@ mod tests {
         let image = image();
         let file = encode_deep_exr(Path::new("a.exr"), &image, &ExrOptions { sample: ExrSample::Float, ..ExrOptions::default() }).unwrap();
         assert_eq!(file[..8], [0x76, 0x2f, 0x31, 1, 2, 0x08, 0, 0]);
-        let chunks: Vec<Vec<u8>> =
-            (0..2).map(|y| chunk(Path::new("a"), y, &image.pixels[3 * y..3 * y + 3], ExrSample::Float).unwrap()).collect();
+        let chunks: Vec<Vec<u8>> = (0..2).map(|y| chunk(y, &image.pixels[3 * y..3 * y + 3], ExrSample::Float).unwrap()).collect();
         assert!(file.ends_with(&chunks.concat()));
         let number = |bytes: &[u8]| u64::from_le_bytes(bytes.try_into().unwrap()) as usize;
         let second = &chunks[1];

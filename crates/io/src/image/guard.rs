@@ -34,21 +34,20 @@ const FREE_BLOCK_BYTES: u64 = 64 << 20;
 /// Refuses empty images, sides above [`MAX_SIDE_PX`], and more pixels than a file of `file_bytes`
 /// can plausibly hold or the limit of memory allows.
 pub(crate) fn check_size(name: &Path, [width, height]: [u64; 2], file_bytes: u64) -> Result<(), IoError> {
-    check_plausible(name, [width, height], file_bytes)?;
+    check_plausible([width, height], file_bytes).map_err(|message| IoError::invalid(name, message))?;
     check_memory(name, width * height * BYTES_PER_PIXEL)
 }
 
 /// Refuses what no file of `file_bytes` can hold, on any machine.
-fn check_plausible(name: &Path, [width, height]: [u64; 2], file_bytes: u64) -> Result<(), IoError> {
+fn check_plausible([width, height]: [u64; 2], file_bytes: u64) -> Result<(), String> {
     let side = u64::from(MAX_SIDE_PX);
     if width == 0 || height == 0 || width > side || height > side {
-        return Err(IoError::invalid(name, format!("header: size {width} x {height}, expected 1 to {side} pixels per side")));
+        return Err(format!("header: size {width} x {height}, expected 1 to {side} pixels per side"));
     }
     if width * height > FREE_PIXELS.saturating_add(file_bytes.saturating_mul(PIXELS_PER_BYTE)) {
-        let message = format!(
+        return Err(format!(
             "header: claims {width} x {height} pixels in a file of {file_bytes} bytes; the file is damaged or cut short, export it again"
-        );
-        return Err(IoError::invalid(name, message));
+        ));
     }
     Ok(())
 }
@@ -140,7 +139,7 @@ mod tests {
             assert!(check_size(name, size, 1000).is_err(), "{size:?}");
         }
         assert!(check_size(name, [4096, 4096], 300).is_ok());
-        assert!(check_plausible(name, [1 << 16, 1 << 16], 1 << 22).is_ok());
+        assert!(check_plausible([1 << 16, 1 << 16], 1 << 22).is_ok());
         assert!(Input::new(name, &[0; 1000]).check_block(u64::MAX).is_err());
     }
 }

@@ -65,7 +65,8 @@ pub fn encode_exr(name: &Path, image: &Image, options: &ExrOptions) -> Result<Ve
         return Err(IoError::invalid(name, format!("{found} values of a channel for {count} pixels")));
     }
     let encoding = Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
-    let layer = Layer::new((width, height), attributes(name, options)?, encoding, ImageChannels::new(image, options));
+    let attributes = attributes(options).map_err(|message| IoError::invalid(name, message))?;
+    let layer = Layer::new((width, height), attributes, encoding, ImageChannels::new(image, options));
     let mut file = ExrImage::from_layer(layer);
     let [red, green, blue, white] = options.color_space.chromaticities().map(|[x, y]| Vec2(x, y));
     file.attributes.chromaticities = Some(Chromaticities { red, green, blue, white });
@@ -82,9 +83,9 @@ pub fn encode_exr(name: &Path, image: &Image, options: &ExrOptions) -> Result<Ve
 }
 
 /// Returns everything but the pixels.
-pub(super) fn attributes(name: &Path, options: &ExrOptions) -> Result<LayerAttributes, IoError> {
+pub(super) fn attributes(options: &ExrOptions) -> Result<LayerAttributes, String> {
     let mut attributes = LayerAttributes { software_name: Some(Text::from("Luxel")), ..LayerAttributes::default() };
-    let wrong = || IoError::invalid(name, "attribute names need 1 to 255 bytes, names and values Latin letters");
+    let wrong = || "attribute names need 1 to 255 bytes, names and values Latin letters".to_owned();
     let key = |key: &str| Text::new_or_none(key).filter(|_| !key.is_empty() && key.len() <= 255).ok_or_else(wrong);
     for (name, value) in &options.attributes {
         attributes.other.insert(key(name)?, AttributeValue::Text(Text::new_or_none(value).ok_or_else(wrong)?));
