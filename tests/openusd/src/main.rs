@@ -77,7 +77,8 @@ impl Layer {
         Ok(Self { fields })
     }
 
-    /// Compares the layer of a text with another. A package has names of its own for the files in it.
+    /// Compares the layer of a text with another. A package has names of its own for the files in
+    /// it.
     fn check_equal(&self, other: &Self, is_package: bool) -> Result<()> {
         for (key, value) in &self.fields {
             let found = other.fields.get(key).with_context(|| format!("{key:?} is missing"))?;
