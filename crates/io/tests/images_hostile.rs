@@ -49,6 +49,7 @@ fn make_files() -> Vec<(&'static str, Vec<u8>)> {
         ("png", encode_png(width, height, &bytes).unwrap()),
         ("jpeg", jpeg),
         ("npy", npy(&image)),
+        ("dpx", dpx(&image)),
     ]
 }
 
@@ -56,6 +57,19 @@ fn npy(image: &Image) -> Vec<u8> {
     let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, {}, 3), }}\n", image.height, image.width);
     let samples: Vec<u8> = image.pixels.as_flattened().iter().flat_map(|v| v.to_le_bytes()).collect();
     [&b"\x93NUMPY\x01\x00"[..], &(header.len() as u16).to_le_bytes(), header.as_bytes(), &samples].concat()
+}
+
+fn dpx(image: &Image) -> Vec<u8> {
+    let mut header = vec![0; 2048];
+    let size = [image.width as u32, image.height as u32].map(u32::to_be_bytes);
+    let (first_pixel, elements) = (2048u32.to_be_bytes(), 1u16.to_be_bytes());
+    let fields: [(usize, &[u8]); 7] =
+        [(0, b"SDPX"), (4, &first_pixel), (770, &elements), (772, &size[0]), (776, &size[1]), (800, &[50]), (803, &[32])];
+    for (at, field) in fields {
+        header[at..at + field.len()].copy_from_slice(field);
+    }
+    let samples = image.pixels.as_flattened().iter().flat_map(|v| v.to_be_bytes());
+    header.into_iter().chain(samples).collect()
 }
 
 fn tiled_exr(image: &Image) -> Vec<u8> {
@@ -223,7 +237,7 @@ fn missing_empty_and_foreign_files_are_told_apart() {
     }
 }
 
-const MAGICS: [&[u8]; 7] = [
+const MAGICS: [&[u8]; 9] = [
     &[0x76, 0x2f, 0x31, 0x01, 2, 0, 0, 0],
     b"#?RADIANCE\n",
     b"#?RGBE\n\n-Y ",
@@ -231,6 +245,8 @@ const MAGICS: [&[u8]; 7] = [
     b"MM\0*\0\0\0\x08",
     b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR",
     &[0xff, 0xd8, 0xff],
+    b"SDPX\0\0\x08\0",
+    b"XPDS\0\x08\0\0",
 ];
 
 proptest! {
@@ -243,7 +259,7 @@ proptest! {
     }
 
     #[test]
-    fn spliced_files_do_not_panic(which in 0..8usize, cut in 0.0..1.0f64, skip in 0..64usize, insert in prop::collection::vec(any::<u8>(), 0..16)) {
+    fn spliced_files_do_not_panic(which in 0..files().len(), cut in 0.0..1.0f64, skip in 0..64usize, insert in prop::collection::vec(any::<u8>(), 0..16)) {
         let (kind, whole) = &files()[which];
         let at = (cut * whole.len() as f64) as usize;
         let rest = whole.get(at + skip..).unwrap_or_default();

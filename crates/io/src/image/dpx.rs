@@ -99,7 +99,6 @@ impl Header {
         let padding = u32(812)?;
         let row_padding = if padding == UNDEFINED { 0 } else { padding as usize };
         let size = [u32(772)?, u32(776)?];
-        input.check_size(size.map(u64::from))?;
         Ok(Self { is_big_endian, size, channels, bits, packing, is_linear: u8(801)? == 2, at, row_padding })
     }
 
@@ -118,6 +117,7 @@ impl Header {
 /// Decodes a whole file.
 pub(super) fn decode(input: Input<'_>, options: &ReadOptions) -> Result<DecodedImage, IoError> {
     let header = Header::read(input)?;
+    input.check_size(header.size.map(u64::from))?;
     let [width, height] = header.size.map(|s| s as usize);
     let row = header.row_bytes();
     let stride = row.saturating_add(header.row_padding);
@@ -220,6 +220,13 @@ mod tests {
 
     fn pixels(bytes: &[u8], options: &ReadOptions) -> Result<Vec<[f32; 3]>, IoError> {
         decode(Input::new("plate.dpx", bytes), options).map(|decoded| decoded.image.pixels)
+    }
+
+    #[test]
+    fn the_header_alone_tells_the_size_of_a_large_image() {
+        let whole = file([8192, 4320], 10, 1, true, &[]);
+        assert_eq!(size(Input::new("plate.dpx", &whole[..HEADER_BYTES])).unwrap(), [8192, 4320]);
+        assert!(pixels(&whole, &LINEAR).is_err());
     }
 
     #[test]
