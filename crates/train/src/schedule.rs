@@ -20,7 +20,7 @@
 
 use luxel_core::engine::LearningRates;
 
-use crate::config::{LateViews, Strategy, TrainConfig};
+use crate::config::{Strategy, TrainConfig};
 use crate::crop::STRIP_SHARE;
 
 /// Divisor of the learning rate of harmonics above degree 0, relative to the constant term (Kerbl
@@ -129,7 +129,7 @@ impl Schedule {
             reset_interval: (is_adc && !is_frozen && config.opacity_reset_interval > 0).then_some(steps_of(config.opacity_reset_interval)),
             reduces_opacity: is_adc && !is_frozen && config.absgrad,
             samples: (samples, iterations.saturating_sub(sampled_steps) + 1),
-            has_late_strips: config.late_views == LateViews::Strips,
+            has_late_strips: config.takes_late_strips(),
             poses: config.refine_poses.then(|| pose_steps(config, iterations)),
             averaged_steps: averaged_steps.min(end.saturating_sub(unaveraged_steps)),
         }
@@ -294,6 +294,7 @@ fn pose_steps(config: &TrainConfig, iterations: u32) -> [u32; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::LateViews;
 
     fn schedule(iterations: u32) -> (TrainConfig, Schedule) {
         let config = TrainConfig { iterations, ..TrainConfig::default() };

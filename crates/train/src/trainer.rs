@@ -246,7 +246,7 @@ impl Trainer {
     fn step_config(&self, step: u32) -> StepConfig {
         let config = &self.state.config;
         let (factor, betas) = rates_of_batch(config);
-        let learning_rates = self.schedule.learning_rates(config, step).times(factor);
+        let learning_rates = self.schedule.learning_rates(config, step).times(factor * self.rate_factor(step));
         let has_noise = config.strategy == Strategy::Mcmc && !config.freezes_geometry();
         let noise = PositionNoise { scale: config.mcmc_noise * learning_rates.position, seed: self.state.noise_seed(step) };
         StepConfig {

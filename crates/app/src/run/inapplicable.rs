@@ -5,11 +5,23 @@
 //! ([`luxel_train::TrainConfig::misplaced`]).
 
 use std::fmt;
+use std::sync::LazyLock;
 
 use luxel_io::Supervision;
 use luxel_train::{Condition, ExposureCompensation, Method, MethodSpec, NamedChoice, OPTIONS, Representation, Scheme};
 
 use super::{ExplicitArgs, RunConfig};
+
+/// Names of the methods that train splats which are stored.
+static METHODS_ON_SPLATS: LazyLock<String> = LazyLock::new(|| Method::names_where(Method::stores_splats));
+
+/// Names of the methods on splats, stored or decoded, without networks of their own.
+static METHODS_WITHOUT_NETWORKS: LazyLock<String> =
+    LazyLock::new(|| Method::names_where(|method| method.spec().representation != Representation::Field && !method.has_own_networks()));
+
+/// Names of the methods whose steps are those of the engine.
+static METHODS_WITHOUT_OWN_STEPS: LazyLock<String> =
+    LazyLock::new(|| Method::names_where(|method| method.stores_splats() && !method.has_own_steps()));
 
 /// A choice that other options depend on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,6 +102,7 @@ const GEOMETRY_OPTIONS: &[&str] = &[
     "refine_poses",
     "antialias",
     "samples",
+    "late_views",
     "cutoffs",
 ];
 
@@ -195,7 +208,7 @@ impl RunConfig {
         let known = if representation == Representation::Anchors { ANCHOR_OPTIONS } else { FIELD_OPTIONS };
         let of_splats = OPTIONS.iter().map(|option| option.name).filter(|name| !known.contains(name));
         let splats = Group {
-            choice: Choice { option: "method", value: "lcd or sh0 to sh5" },
+            choice: Choice { option: "method", value: &METHODS_ON_SPLATS },
             is_made: method.stores_splats(),
             options: of_splats.chain(SPLAT_RUN_OPTIONS.iter().copied()).collect(),
         };
@@ -216,7 +229,7 @@ impl RunConfig {
             options: INITIAL_OPTIONS.to_vec(),
         };
         let cutoffs = Group {
-            choice: Choice { option: "method", value: "lcd, sh0 to sh5, logsh3 or lcd-anchors" },
+            choice: Choice { option: "method", value: &METHODS_WITHOUT_NETWORKS },
             is_made: !method.has_own_networks(),
             options: vec!["cutoffs"],
         };
@@ -234,8 +247,13 @@ impl RunConfig {
             is_made,
             options: vec!["validation_share"],
         });
+        let strips = |option, value, is_made| Group { choice: Choice { option, value }, is_made, options: vec!["late_views"] };
+        let strips = [
+            strips("crop", Choice::LEFT_OUT, train.crop.is_none()),
+            strips("method", &METHODS_WITHOUT_OWN_STEPS, !method.stores_splats() || !method.has_own_steps()),
+        ];
         let by_condition = Condition::all().map(|condition| self.group(condition));
-        [splats, unit_exposure].into_iter().chain(by_condition).chain([frozen, from, cutoffs]).chain(validation).collect()
+        [splats, unit_exposure].into_iter().chain(by_condition).chain([frozen, from, cutoffs]).chain(validation).chain(strips).collect()
     }
 
     fn group(&self, condition: Condition) -> Group {

@@ -14,7 +14,7 @@ use super::{ConsoleArgs, DeviceArgs, LoadArgs, MetricsArgs};
 /// `luxel reproduce`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Methods: sh0 to sh5 (spherical harmonics of RGB radiance; sh3 is 3D Gaussian splatting), lcd (LCD-GS); after lcd, -exp or -relu \
+    after_help = "Methods: sh0 to sh5 (spherical harmonics of RGB radiance; sh3 is 3D Gaussian splatting), logsh3 (of log radiance), lcd (LCD-GS); after lcd, -exp or -relu \
     for the activation of the luminance, -l1 to -l3 for a luminance that varies with the view, -c0 to -c5 for the degree of chromaticity: lcd-c2-l1; \
     nerf-grid (a radiance field on a hash grid), nerf-grid-linear with the loss of linear radiance; hdr-nerf-grid (needs captured images), \
     mono-hdr-nerf-grid (needs them beside radiance); nerf-8x256 and the like for a network of so many layers and units without a grid; hdr-gs and \

@@ -11,7 +11,7 @@ use luxel_app::run::{Launch, MadeBy, Outcome, PathContents, RunConfig, RunFolder
 use luxel_app::{files, output};
 use luxel_core::tone::Tonemap;
 use luxel_core::{Dataset, RadianceScale, View, luminance_rec709};
-use luxel_train::{NamedChoice, Reconstruction, TrainConfig};
+use luxel_train::{LateViews, NamedChoice, Reconstruction, TrainConfig};
 use serde_json::json;
 
 use crate::args::DemoArgs;
@@ -106,9 +106,11 @@ fn may_replace(folder: &RunFolder) -> Result<()> {
     }
 }
 
-/// Number of steps between rounds of densification, as in long runs: the scene is small, and more
-/// rounds would make more splats, which take time and bring nothing.
+/// Number of steps between rounds of densification, as in long runs: the scene is small.
 const DENSIFY_INTERVAL: u32 = 100;
+
+/// Number of splats: more take time and bring nothing.
+const SPLATS: u32 = 50_000;
 
 fn config(args: &DemoArgs) -> RunConfig {
     let train = TrainConfig { iterations: args.iterations, method: args.method, ..TrainConfig::default() };
@@ -119,7 +121,13 @@ fn config(args: &DemoArgs) -> RunConfig {
         load: LoadOptions::default(),
         device: args.device.options(),
         run: RunOptions { checkpoint_every: 0, keep_checkpoints: 1, eval_at: Vec::new(), eval_every: None, ..RunOptions::default() },
-        train: TrainConfig { densify_interval: Some(DENSIFY_INTERVAL), ..train },
+        train: TrainConfig {
+            densify_interval: Some(DENSIFY_INTERVAL),
+            max_splats: Some(SPLATS),
+            // In so few steps, halves of views would be too little.
+            late_views: LateViews::Whole,
+            ..train
+        },
     }
 }
 

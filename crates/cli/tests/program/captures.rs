@@ -100,7 +100,7 @@ fn hdr_gs_needs_pairs_and_refuses_what_it_does_not_have() {
     refused(&["--supervision", "both"], &["method lcd trains on one kind of images"]);
     refused(
         &["--method", "hdr-gs", "--cutoffs", "hdr"],
-        &["--cutoffs: has an effect with --method lcd, sh0 to sh5, logsh3 or lcd-anchors only"],
+        &["--cutoffs: has an effect with --method lcd, sh0, sh1, sh2, sh3, sh4, sh5, logsh3 or lcd-anchors only"],
     );
     refused(&["--tone-width", "64"], &["--tone-width: has an effect with --method hdr-gs only"]);
     refused(&["--feature-lr", "1"], &["--feature-lr: has an effect with --method gausshdr only"]);

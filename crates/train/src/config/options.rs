@@ -99,8 +99,9 @@ options! {
         /// Train each step on a random part of its view, of at most this many pixels a side, for
         /// images that are too large for a step
         crop: Option<u32> = None, "PX", Range::AtLeast(64), unset: "whole views";
-        /// Part of its view that a step trains on once no more splats are added
-        late_views: LateViews = LateViews::Whole, "PART", Range::Any;
+        /// Part of its view that a step trains on once no more splats are added; methods with steps
+        /// of their own, frozen geometry and `crop` leave it as it is
+        late_views: LateViews = LateViews::Strips, "PART", Range::Any;
         /// Fraction of the steps, at the end and after densification, over which the parameters are
         /// averaged to the final scene, but at most the second half of the steps with
         /// supersampling, if others come before them; 0 disables it
@@ -232,8 +233,9 @@ options! {
         /// while splats are added, they tell how many the scene needs; 0 disables it
         validation_share: f32 = 0.1, "FRACTION", Range::ShareBelowOne, needs: [Adc], was: "hold_out";
         /// Fraction of the largest number of splats that a round may relocate once that number is
-        /// reached
-        turnover: f32 = 0.1, "FRACTION", Range::Share, needs: [Adc];
+        /// reached; down to a quarter of this on reduced images and where validation views are much
+        /// worse than other training views, half without validation views
+        turnover: f32 = 0.2, "FRACTION", Range::Share, needs: [Adc];
         /// Split splats by sums of absolute pixel gradients (AbsGS)
         absgrad: bool = false, "", Range::Any, needs: [Adc];
         /// Step after which densification begins

@@ -6,7 +6,7 @@
 
 use luxel_core::Antialias;
 
-use super::{CutoffPreset, Preset, Strategy, TrainConfig};
+use super::{CutoffPreset, LateViews, Preset, Strategy, TrainConfig};
 use crate::ResolutionSchedule;
 
 /// Writes the accessors of the table: one line per option, with the value of each preset.
@@ -50,8 +50,9 @@ presets! {
     /// the right places, too, where texture repeats and where the data set has no points.
     stereo_points:           Some(0),                     None,                        None;
     /// Paper: 0, because without a bound nothing is relocated. Full and fast: without relocation,
-    /// growth would end when the bound is reached.
-    turnover:                0.0,                         0.1,                         0.1;
+    /// growth would end when the bound is reached. Where validation views lag behind, and until
+    /// that is known, it is less.
+    turnover:                0.0,                         0.2,                         0.2;
     /// Paper: 3DGS's value. Full and fast: none, because large splats represent bare walls and
     /// ceilings well.
     prune_scale:             0.1,                         0.0,                         0.0;
@@ -69,6 +70,9 @@ presets! {
     /// Paper: 0, as published. Full and fast: large errors remain at the end, and L1 alone does not
     /// weight them more than small ones.
     squared_share:           0.0,                         0.5,                         0.5;
+    /// Paper: whole views, as published. Full: not measured. Fast: more steps on half of a view are
+    /// worth more than fewer on all of it.
+    late_views:              LateViews::Whole,            LateViews::Whole,            LateViews::Strips;
     /// Paper: 0, as published. Full and fast: the mean removes the movement that Adam's steps
     /// leave.
     average_share:           0.0,                         0.15,                        0.15;

@@ -219,6 +219,15 @@ impl Method {
         Self::VALUES.iter().map(|(method, _)| *method).find(|method| is_wanted(method.spec()))
     }
 
+    /// Returns the names of the methods that are as asked for, for people: `lcd, sh0 or sh1`.
+    pub fn names_where(is_wanted: impl Fn(Self) -> bool) -> String {
+        let names: Vec<&str> = Self::VALUES.iter().filter(|(method, _)| is_wanted(*method)).map(|(_, value)| value.name).collect();
+        match names.split_last() {
+            Some((last, others)) if !others.is_empty() => format!("{} or {last}", others.join(", ")),
+            _ => names.concat(),
+        }
+    }
+
     /// Returns whether it stores splats.
     pub fn stores_splats(self) -> bool {
         self.spec().representation == Representation::Splats

@@ -155,14 +155,7 @@ pub enum Condition {
 
 /// The texts of [`Condition::value`] that are names of several methods.
 static NAMES_OF_METHODS: LazyLock<Vec<(Condition, String)>> = LazyLock::new(|| {
-    let names = |condition: Condition| {
-        let methods = Method::VALUES.iter().filter(|(method, _)| condition.is_met_by(method.spec()) == Some(true));
-        let names: Vec<&str> = methods.map(|(_, value)| value.name).collect();
-        match names.split_last() {
-            Some((last, others)) if !others.is_empty() => format!("{} or {last}", others.join(", ")),
-            _ => names.concat(),
-        }
-    };
+    let names = |condition: Condition| Method::names_where(|method| condition.is_met_by(method.spec()) == Some(true));
     Condition::GENERAL.into_iter().map(|condition| (condition, names(condition))).collect()
 });
 

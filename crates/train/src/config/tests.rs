@@ -95,7 +95,7 @@ fn every_option_changes_the_configuration() {
         &["--tone-width", "64"],
         &["--tone-lr", "0.001"],
         &["--exposure-compensation", "color"],
-        &["--late-views", "strips"],
+        &["--late-views", "whole"],
         &["--vignetting"],
         &["--noise-model", "0.1,0.01"],
         &["--unit-exposure", "0.7"],
@@ -130,7 +130,9 @@ fn every_option_changes_the_configuration() {
         &["--scale-lr-final", "1"],
         &["--rotation-lr", "1"],
     ];
-    assert_eq!(OPTIONS.len(), flags.len(), "an option is missing from this list");
+    let is_listed = |name: &str| flags.iter().any(|flag| flag[0].trim_start_matches("--").replace('-', "_") == name);
+    let missing: Vec<&str> = OPTIONS.iter().map(|option| option.name).filter(|name| !is_listed(name)).collect();
+    assert!(missing.is_empty(), "add a flag of each of these options to this list: {missing:?}");
     let default = serde_json::to_value(TrainConfig::default()).unwrap();
     for flag in flags {
         let config = parse(flag).unwrap();

@@ -42,10 +42,6 @@ impl TrainConfig {
             let reason = "poses are refined together with the splats that `freeze` keeps as they are; refine them in the run of the scene";
             return Err(TrainError::config("refine_poses", reason.to_owned()));
         }
-        if self.crop.is_some() && self.late_views == LateViews::Strips {
-            let reason = "strips are parts of whole views, and crop trains on other parts; leave one of them out";
-            return Err(TrainError::config("late_views", reason.to_owned()));
-        }
         check_options(self)?;
         self.validate_decays()
     }
@@ -53,6 +49,14 @@ impl TrainConfig {
     /// Returns whether positions, rotations, scales and opacities are kept as they are.
     pub fn freezes_geometry(&self) -> bool {
         self.freeze == Freeze::Geometry
+    }
+
+    /// Returns whether steps train on strips of their views once no more splats are added: those of
+    /// splats on whole views whose geometry is free, but not those of methods with steps of their
+    /// own.
+    pub fn takes_late_strips(&self) -> bool {
+        let are_splats_free = self.method.stores_splats() && !self.method.has_own_steps() && !self.freezes_geometry();
+        self.late_views == LateViews::Strips && self.crop.is_none() && are_splats_free
     }
 
     /// Returns the options that are set although a choice that they depend on was not made. Options

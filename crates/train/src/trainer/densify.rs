@@ -110,7 +110,7 @@ impl Trainer {
                     prune_opacity: config.prune_opacity,
                     prune_scale: (config.prune_scale > 0.0 && self.schedule.has_reset_before(step)).then_some(config.prune_scale * extent),
                     max_splats,
-                    max_replaced: (config.turnover * max_splats as f32) as usize,
+                    max_replaced: (self.turnover() * max_splats as f32) as usize,
                 };
                 let (stats, options) = (self.engine.densify_stats()?, self.render_options_of(step));
                 let round = Round { step, number: step / self.schedule.densify_interval };

@@ -1,13 +1,15 @@
-//! The number of splats that there is room for, and the share that a step leaves out, which follow
-//! the scene.
+//! The number of splats that there is room for, how many of them rounds relocate and steps leave
+//! out, and the rates of steps on strips, all of which follow the scene.
 //!
 //! In: the scene while splats are added, the validation views ([`crate::validation_views`]). Out:
-//! the largest number of splats of a round, and a factor of dropout. The number begins at the limit
-//! of the configuration. When the scene fills it, it rises while the validation views are nearly as
+//! the largest number of splats of a round, and three factors. The number begins at the limit of
+//! the configuration. When the scene fills it, it rises while the validation views are nearly as
 //! good as their neighbours that are trained on: there is detail that more splats represent for
-//! every view. Where they lag behind, more splats only overfit. Where they lag far behind, single
-//! splats explain single views, and a larger share is left out once no more are added. Degenerate:
-//! a limit that the user gives stays as it is; without validation views, nothing changes.
+//! every view. Where they lag behind, more splats only overfit, and relocated splats do, too, so
+//! fewer are relocated. Where they lag far behind, single splats explain single views: once no more
+//! are added, a larger share is left out, and steps on strips have lower rates. Degenerate: a limit
+//! that the user gives stays as it is. Before a lead is known and without validation views, fewer
+//! are relocated and rates on strips are lower, too.
 
 use luxel_core::Image;
 use luxel_metrics::psnr_scene;
@@ -17,7 +19,7 @@ use crate::TrainError;
 use crate::validation_views::{Fit, ValidationView};
 
 /// Largest lead of views that are trained on over validation views at which the limit rises, dB.
-const MOST_LEAD_DB: f64 = 1.0;
+const MOST_LEAD_DB: f64 = 2.0;
 
 /// Validation views that a round looks at, in turn: one alone may be harder than the others.
 const VIEWS_A_ROUND: usize = 2;
@@ -37,6 +39,9 @@ const DROPOUT_LEAD_DB: f64 = 4.0;
 /// Largest factor of dropout.
 const MOST_DROPOUT: f64 = 2.0;
 
+/// Smallest factor of relocation.
+const LEAST_RELOCATION: f64 = 0.25;
+
 impl Fit {
     /// Returns the fit after a round that found `lead_db`, with a scene of `splats` and a limit of
     /// at most `most`.
@@ -47,9 +52,14 @@ impl Fit {
         Self { room: self.room.max((raised as u32).min(u32::try_from(most).unwrap_or(u32::MAX))), lead_db }
     }
 
-    /// Returns the factor of dropout.
+    /// Returns the factor of dropout, by which rates of steps on strips are divided.
     fn dropout_factor(self) -> f32 {
         (self.lead_db / DROPOUT_LEAD_DB).clamp(1.0, MOST_DROPOUT) as f32
+    }
+
+    /// Returns the factor of the share of the splats that a round relocates.
+    fn relocation_factor(self) -> f32 {
+        (MOST_LEAD_DB / self.lead_db.max(MOST_LEAD_DB)).max(LEAST_RELOCATION) as f32
     }
 }
 
@@ -65,6 +75,28 @@ impl Trainer {
         let rate = self.schedule.dropout_rate(&self.state.config, step)?;
         let factor = self.state.fit.filter(|_| !self.schedule.is_densifying(step)).map_or(1.0, Fit::dropout_factor);
         Some((rate * factor).min(MOST_LEFT_OUT.max(rate)))
+    }
+
+    /// Returns the factor of the learning rates of `step`. On a strip, half of the splats have no
+    /// gradient and the others twice that of a whole view. Scenes whose views are explained by
+    /// single splats do not bear that at the rates of whole views; neither may scenes of which
+    /// nothing is known.
+    pub(super) fn rate_factor(&self, step: u32) -> f32 {
+        match self.schedule.takes_strips(step) {
+            true => 1.0 / self.state.fit.map_or(MOST_DROPOUT as f32, Fit::dropout_factor),
+            false => 1.0,
+        }
+    }
+
+    /// Returns the share of the largest number of splats that a round may relocate. Reduced images,
+    /// on which no lead is known, are soon explained by single splats.
+    pub(super) fn turnover(&self) -> f32 {
+        let config = &self.state.config;
+        match self.state.fit {
+            Some(fit) => config.turnover * fit.relocation_factor(),
+            None if self.validation.is_empty() => config.turnover_without_validation(),
+            None => config.turnover * LEAST_RELOCATION as f32,
+        }
     }
 
     /// Returns the largest number of splats of the round after `step`.
@@ -150,15 +182,33 @@ mod tests {
         assert_eq!(fit.after(0.2, 900, 4000).room, 1000, "not filled");
         assert_eq!(fit.after(0.2, 1000, 1050).room, 1050, "at most");
         assert_eq!(fit.after(0.2, 1000, 1000).room, 1000, "a limit that the user gave");
-        let behind = fit.after(5.2, 1000, 4000);
-        assert_eq!(behind, Fit { room: 1000, lead_db: 1.2 });
-        assert_eq!(behind.after(1.2, 1000, 4000).room, 1000);
+        let behind = fit.after(10.2, 1000, 4000);
+        assert_eq!(behind, Fit { room: 1000, lead_db: 2.2 });
+        assert_eq!(behind.after(2.2, 1000, 4000).room, 1000);
     }
 
     #[test]
     fn dropout_grows_with_the_lead_and_at_most_twofold() {
         let factor = |lead_db| Fit { room: 1, lead_db }.dropout_factor();
         assert_eq!([-1.0, 1.0, 4.0, 6.0, 8.0, 20.0].map(factor), [1.0, 1.0, 1.0, 1.5, 2.0, 2.0]);
+    }
+
+    #[test]
+    fn fewer_splats_are_relocated_the_larger_the_lead() {
+        let factor = |lead_db| Fit { room: 1, lead_db }.relocation_factor();
+        assert_eq!([-1.0, 1.0, 2.0, 4.0, 8.0, 20.0].map(factor), [1.0, 1.0, 1.0, 0.5, 0.25, 0.25]);
+    }
+
+    #[test]
+    fn rates_fall_on_strips_with_the_lead_and_where_it_is_unknown() {
+        let mut trainer = trainer(true);
+        let mut factors = |fit| {
+            trainer.state.fit = fit;
+            [200, 201].map(|step| trainer.rate_factor(step))
+        };
+        assert_eq!(factors(Some(Fit { room: 1, lead_db: 1.0 })), [1.0, 1.0]);
+        assert_eq!(factors(Some(Fit { room: 1, lead_db: 8.0 })), [1.0, 0.5]);
+        assert_eq!(factors(None), [1.0, 0.5]);
     }
 
     /// Cameras along a line before a wall of points, whose views agree or have each a grey of its

@@ -67,6 +67,7 @@ mod tests {
     use luxel_cpu::CpuEngine;
 
     use super::*;
+    use crate::config::LateViews;
     use crate::testing::{camera_at, dataset_of, view_of};
 
     fn trainer(iterations: u32, samples: u8) -> Trainer {
@@ -74,7 +75,8 @@ mod tests {
         let points =
             (0..50).map(|i| Point { position: [0.1 * (i % 10) as f32, 0.1 * (i / 10) as f32, 4.0], rgb8: None, observations: Vec::new() });
         let dataset = Dataset { points: points.collect(), ..dataset_of((0..3).map(view).collect()) };
-        let config = TrainConfig { iterations, samples: Some(samples), samples_share: 0.25, average_share: 0.15, ..TrainConfig::default() };
+        let shares = TrainConfig { samples_share: 0.25, average_share: 0.15, late_views: LateViews::Whole, ..TrainConfig::default() };
+        let config = TrainConfig { iterations, samples: Some(samples), ..shares };
         Trainer::new(&dataset, config, Box::new(CpuEngine::new(1).unwrap())).unwrap()
     }
 
