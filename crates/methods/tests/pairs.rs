@@ -9,7 +9,7 @@ use common::runs::{captured, check_resumed_and_threads, means, psnr, response, t
 use common::{config, dataset};
 use luxel_core::{Dataset, PixelValues, Snapshot, View};
 use luxel_metrics::GainFit;
-use luxel_train::{CutoffPreset, HdrNormalisation, Method, Strategy, TrainConfig, TrainError, Trainer};
+use luxel_train::{CutoffPreset, HdrNormalisation, LateViews, Method, Strategy, TrainConfig, TrainError, Trainer};
 
 const EXPOSURES_S: [f32; 3] = [0.5, 4.0, 32.0];
 
@@ -73,7 +73,15 @@ fn without_weight_of_captured_images_hdr_gs_is_training_of_log_harmonics() {
     // Without densification, whose thresholds turn rounding into other splats.
     let alone =
         TrainConfig { ldr_weight: 0.0, hdr_weight: 1.0, average_share: 0.0, densify_from: Some(1000), stereo_points: Some(0), ..base(60) };
-    let plain = TrainConfig { method: Method::LogSh3, cutoffs: CutoffPreset::Parity, hdr_weight: 0.6, ldr_weight: 1.0, ..alone.clone() };
+    // HDR-GS sees whole views.
+    let plain = TrainConfig {
+        method: Method::LogSh3,
+        cutoffs: CutoffPreset::Parity,
+        hdr_weight: 0.6,
+        ldr_weight: 1.0,
+        late_views: LateViews::Whole,
+        ..alone.clone()
+    };
     let (mut a, mut b) = (Trainer::new(&data, alone, means()).unwrap(), Trainer::new(&data, plain, means()).unwrap());
     for step in 1..=60 {
         let (a, b) = (a.step().unwrap().loss, b.step().unwrap().loss);
@@ -94,7 +102,15 @@ fn without_weight_of_captured_images_hdr_gs_is_training_of_log_harmonics() {
 fn the_first_gradient_without_weight_of_captured_images_is_that_of_log_harmonics() {
     let data = pairs();
     let alone = TrainConfig { ldr_weight: 0.0, hdr_weight: 1.0, dropout: 0.0, ..base(60) };
-    let plain = TrainConfig { method: Method::LogSh3, cutoffs: CutoffPreset::Parity, hdr_weight: 0.6, ldr_weight: 1.0, ..alone.clone() };
+    // HDR-GS sees whole views.
+    let plain = TrainConfig {
+        method: Method::LogSh3,
+        cutoffs: CutoffPreset::Parity,
+        hdr_weight: 0.6,
+        ldr_weight: 1.0,
+        late_views: LateViews::Whole,
+        ..alone.clone()
+    };
     let [a, b] = [alone, plain].map(|config| snapshot(trained(&data, config, 1)).moments.first);
     for (a, b) in [(a.position.as_flattened(), b.position.as_flattened()), (&a.sh, &b.sh), (&a.opacity_logit, &b.opacity_logit)] {
         let largest = b.iter().fold(0.0f32, |m, v| m.max(v.abs()));

@@ -112,7 +112,7 @@ pub(crate) fn gradient_factor(views: &[View], side_px: u32) -> f32 {
     (views.iter().map(factor).sum::<f64>() / views.len().max(1) as f64) as f32
 }
 
-/// Returns what a window of a loaded view shows.
+/// Returns what a window of a loaded view shows, without the captured images beside it.
 pub(crate) fn cropped(view: &View, window: Window) -> View {
     let Window { corner_px, size_px } = window;
     if size_px == view.camera.size_px {
@@ -130,6 +130,7 @@ pub(crate) fn cropped(view: &View, window: Window) -> View {
         camera,
         image: Image { width, height, pixels }.into(),
         mask: view.mask.as_ref().map(|mask| Mask { weights: weights(mask) }.into()),
+        recordings: Vec::new(),
         ..view.clone()
     }
 }
@@ -137,6 +138,7 @@ pub(crate) fn cropped(view: &View, window: Window) -> View {
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
+    use luxel_core::PixelValues;
 
     use super::*;
     use crate::testing::{camera_at, view_of};
@@ -183,7 +185,9 @@ mod tests {
 
     #[test]
     fn a_crop_sees_what_the_view_sees_there() {
-        let full = view(200, 90);
+        let captured = View { values: PixelValues::Recorded { exposure_s: 1.0 }, ..view(200, 90) };
+        let full = View { recordings: vec![captured], ..view(200, 90) };
+        full.validate().unwrap();
         for seed in 0..50 {
             let crop = Crop { shape: Shape::Tile { side_px: 64 }, seed };
             let window = draw(&full, crop);
