@@ -151,6 +151,7 @@ impl<'a> TrainingBuilder<'a> {
             config = TrainConfig { preset, ..config }.with_preset(|_| false);
         }
         config.iterations = self.steps.unwrap_or(config.iterations);
+        config.early_end = config.early_end.filter(|_| self.steps.is_none());
         config.seed = self.seed.unwrap_or(config.seed);
         config.method = self.method.unwrap_or(config.method);
         config.max_splats = self.max_splats.or(config.max_splats);

@@ -89,10 +89,12 @@ impl TrainConfig {
     }
 
     /// Returns this configuration with the values of its preset, except for the options (by name)
-    /// that were given beside it.
+    /// that were given beside it. A number of steps that was given is made in full.
     #[must_use]
     pub fn with_preset(mut self, is_given: impl Fn(&str) -> bool) -> Self {
+        let ends_early = is_given("early_end") || !is_given("iterations");
         self.preset.apply(&mut self, is_given);
+        self.early_end = self.early_end.filter(|_| ends_early);
         self
     }
 

@@ -10,8 +10,8 @@
 //! Published schedules are for 30000 steps. In shorter runs the end of densification and all decays
 //! scale in proportion; in runs below 10000 steps, the start of densification and the increases of
 //! the degree scale too, and in runs below 9000 steps the interval between rounds, down to 50
-//! steps. Resets stay 3000 steps apart, because opacities need a fixed number of steps to recover:
-//! a run of 10000 steps has one reset, at 3000, instead of four.
+//! steps. Resets stay as many steps apart, because opacities need a fixed number of steps to
+//! recover: with 3000, a run of 10000 steps has one reset instead of four.
 //! After the last reset, splats need time to prove useless. In 3DGS a whole reset interval of
 //! rounds follows it; here at least a third of an interval must follow, or the reset is left out.
 //!
@@ -297,7 +297,7 @@ mod tests {
     use crate::config::LateViews;
 
     fn schedule(iterations: u32) -> (TrainConfig, Schedule) {
-        let config = TrainConfig { iterations, ..TrainConfig::default() };
+        let config = TrainConfig { iterations, opacity_reset_interval: 3000, ..TrainConfig::default() };
         let schedule = Schedule::new(&config, iterations, 2.0);
         (config, schedule)
     }
@@ -476,7 +476,7 @@ mod tests {
 
     #[test]
     fn absgrad_lowers_opacities_between_resets() {
-        let config = TrainConfig { absgrad: true, ..TrainConfig::default() };
+        let config = TrainConfig { absgrad: true, opacity_reset_interval: 3000, ..TrainConfig::default() };
         let s = Schedule::new(&config, 30_000, 1.0);
         assert_eq!([500, 600, 1000, 3000, 15_000].map(|t| s.opacity_cap_after(t)), [None, None, Some(0.8), Some(0.01), None]);
     }

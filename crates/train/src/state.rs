@@ -1,9 +1,12 @@
 //! The state of a run besides its arrays, as JSON in [`luxel_core::Snapshot::state_json`]; with it,
 //! a run resumes bit for bit.
 
+use std::collections::BTreeMap;
+
 use luxel_core::{Dataset, Knots, RadianceScale, Snapshot};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use crate::camera_response::CameraResponse;
@@ -205,7 +208,14 @@ impl State {
             let found = header.version;
             return Err(TrainError::State(format!("version {found}, expected {VERSION}; resume with the program that wrote it")));
         }
-        let state: Self = serde_json::from_str(json).map_err(|error| TrainError::State(error.to_string()))?;
+        /// The options that it has: a run from before `early_end` makes all its steps.
+        #[derive(Deserialize)]
+        struct Options {
+            config: BTreeMap<String, IgnoredAny>,
+        }
+        let options: Options = serde_json::from_str(json).map_err(|error| TrainError::State(error.to_string()))?;
+        let mut state: Self = serde_json::from_str(json).map_err(|error| TrainError::State(error.to_string()))?;
+        state.config.early_end = state.config.early_end.filter(|_| options.config.contains_key("early_end"));
         state.config.validate()?;
         if !(state.extent.is_finite() && state.extent > 0.0) {
             return Err(TrainError::State(format!("extent is {}, expected a number above 0", state.extent)));

@@ -175,7 +175,14 @@ impl Trainer {
     /// scene, and a longer run continues from it. If the mean is still being taken, it continues if
     /// the next step is among those that are averaged now; otherwise that step drops it. If
     /// the new end is the current step, call [`Self::finish_average`] to make the mean the scene.
+    ///
+    /// All of these steps are made, whatever `early_end` was.
     pub fn set_iterations(&mut self, iterations: u32) {
+        self.state.config.early_end = None;
+        self.move_end(iterations);
+    }
+
+    fn move_end(&mut self, iterations: u32) {
         self.state.config.iterations = iterations.max(1);
         self.schedule = Schedule::new(&self.state.config, self.state.planned_iterations, self.schedule.extent);
         self.warn_of_average();

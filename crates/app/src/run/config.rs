@@ -276,6 +276,10 @@ impl RunConfig {
                     Some(value) => section.insert(id.into(), value),
                     None => section.remove(id),
                 };
+                // A number of steps that is given is made in full.
+                if id == "iterations" && !explicit.contains("early_end") && !of_preset.contains(&id) {
+                    section.remove("early_end");
+                }
             }
         }
         let merged = Self::from_table(&base)?;

@@ -8,7 +8,7 @@ use std::fmt;
 use std::sync::LazyLock;
 
 use luxel_io::Supervision;
-use luxel_train::{Condition, ExposureCompensation, Method, MethodSpec, NamedChoice, OPTIONS, Representation, Scheme};
+use luxel_train::{Condition, ExposureCompensation, Method, MethodSpec, NamedChoice, OPTIONS, Representation, Scheme, Strategy};
 
 use super::{ExplicitArgs, RunConfig};
 
@@ -73,6 +73,7 @@ const GEOMETRY_OPTIONS: &[&str] = &[
     "max_splats",
     "pixels_per_splat",
     "validation_share",
+    "early_end",
     "turnover",
     "dropout",
     "clearance",
@@ -245,15 +246,30 @@ impl RunConfig {
         let validation = validation.map(|(option, value, is_made)| Group {
             choice: Choice { option, value },
             is_made,
-            options: vec!["validation_share"],
+            options: vec!["validation_share", "early_end"],
         });
         let strips = |option, value, is_made| Group { choice: Choice { option, value }, is_made, options: vec!["late_views"] };
         let strips = [
             strips("crop", Choice::LEFT_OUT, train.crop.is_none()),
             strips("method", &METHODS_WITHOUT_OWN_STEPS, !method.stores_splats() || !method.has_own_steps()),
         ];
+        let early_end = [
+            ("time", Choice::LEFT_OUT, self.run.time.is_none()),
+            ("strategy", "adc", train.strategy == Strategy::Adc),
+            ("validation_share", "above 0", train.validation_share > 0.0),
+            ("iterations", "above it", train.early_end.is_none_or(|end| end < train.iterations)),
+        ];
+        let early_end =
+            early_end.map(|(option, value, is_made)| Group { choice: Choice { option, value }, is_made, options: vec!["early_end"] });
         let by_condition = Condition::all().map(|condition| self.group(condition));
-        [splats, unit_exposure].into_iter().chain(by_condition).chain([frozen, from, cutoffs]).chain(validation).chain(strips).collect()
+        [splats, unit_exposure]
+            .into_iter()
+            .chain(by_condition)
+            .chain([frozen, from, cutoffs])
+            .chain(validation)
+            .chain(strips)
+            .chain(early_end)
+            .collect()
     }
 
     fn group(&self, condition: Condition) -> Group {

@@ -13,7 +13,7 @@ use luxel::step_methods::means_of;
 use luxel::{Dataset, Error, ImageLimits, Observer, Result, Scene, SelectedEngine, StopFlag};
 use luxel_core::{Dataset as CoreDataset, Engine, Exchange, Remedy, SingleProcess, Snapshot};
 use luxel_io::{ImageMemory, ImagePlan, system_memory};
-use luxel_train::{Method, RankViews, Reconstruction, SceneContent, SceneSize, Trainer};
+use luxel_train::{Method, RankViews, Reconstruction, SceneContent, SceneSize, TrainConfig, Trainer};
 
 use super::ranks::{keeps, tell_settings, tell_state, views_of};
 use super::{Outcome, RunConfig, RunFolder, RunLock, Session, state};
@@ -265,16 +265,22 @@ pub(super) fn limit_images(engine: &mut dyn Engine, config: &RunConfig) {
     }
 }
 
-/// Gives a resumed trainer the number of steps of `config`; everything else must be as the
-/// checkpoint has it.
+/// Gives a resumed trainer the number of steps of `config`, unless it ends early by the same rule;
+/// everything else must be as the checkpoint has it.
 fn continue_with(config: &RunConfig, trainer: &mut dyn Reconstruction) -> Result<()> {
     let (wanted, made) = (config.train.iterations, trainer.iteration());
     if wanted < made {
         let message = format!("{wanted} iterations: the run has made {made} steps already");
         return Err(Error::new(message).with_remedy(Remedy::set("iterations", made.to_string())));
     }
-    trainer.set_iterations(wanted);
-    if *trainer.config() != config.train {
+    let (end, early_end) = (trainer.config().iterations, trainer.config().early_end);
+    let has_rule = early_end.is_some() && early_end == config.train.early_end;
+    let is_over_early = trainer.as_splats().is_some_and(|splats| splats.ends_early());
+    if !(has_rule && (is_over_early || wanted == end)) {
+        trainer.set_iterations(wanted);
+    }
+    let TrainConfig { iterations, early_end, .. } = *trainer.config();
+    if *trainer.config() != (TrainConfig { iterations, early_end, ..config.train.clone() }) {
         bail!("config.toml has other training options than the checkpoint; undo the change, or start a new run with it in another folder");
     }
     Ok(())

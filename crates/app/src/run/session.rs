@@ -154,10 +154,18 @@ impl Session<'_> {
                 return Ok(Outcome::Interrupted);
             }
             let before = state.clock.seconds();
+            let planned = self.trainer.config().iterations;
             let report = self.trainer.step().with_context(|| format!("training step {}", self.trainer.iteration() + 1))?;
             state.sums.add(&report, state.clock.seconds() - before);
             let iteration = self.trainer.iteration();
             self.observer.event(Event::Step { done: iteration });
+            let end = self.trainer.config().iterations;
+            if end != planned {
+                self.observer.event(Event::StepsBegin { done: iteration, total: end });
+                self.observer.note(&format!(
+                    "step {iteration}: the run ends after {end} steps, since more would not help views that it does not train on"
+                ));
+            }
             self.plan(state)?;
 
             let save = state.clock.paused(|| self.visit()) == Some(VisitAction::Save) || self.checkpoint_is_due();

@@ -140,7 +140,8 @@ impl Matrix {
             for (source, method) in
                 (0..matrix.sources.len()).flat_map(|source| (0..matrix.methods.len()).map(move |method| (source, method)))
             {
-                let train = TrainConfig { seed, ..with_method(&options.train, matrix.methods[method]) };
+                // Methods are compared after as many steps.
+                let train = TrainConfig { seed, early_end: None, ..with_method(&options.train, matrix.methods[method]) };
                 let of_source = place_in(&asked, &matrix.sources[source]);
                 let of_method = place_in(&options.methods, &matrix.methods[method]);
                 let job = match (place_in(&options.seeds, &seed), of_source, of_method) {

@@ -14,7 +14,7 @@ use super::{ConsoleArgs, MetricsArgs};
     mut_arg("metrics", |arg| arg.default_value("all")),
     after_help = "Images of two folders are matched by their names without extension. What the metrics mean: docs/src/reference/metrics.md.\n\n\
     luxel compare reference.exr render.exr --heatmap flip.png\n\
-    luxel compare run/eval/step_9000/gt run/eval/step_9000/renders --json\n\
+    luxel compare run/eval/step_8000/gt run/eval/step_8000/renders --json\n\
     luxel compare sh3-run lcd-run -o sh3-and-lcd"
 )]
 pub(crate) struct CompareArgs {

@@ -109,6 +109,9 @@ fn method_names(text: &str) -> Result<MethodNames, String> {
     parse_methods(text).map(MethodNames)
 }
 
+/// The option that would end runs after different numbers of steps.
+const EARLY_END: &str = "early_end";
+
 /// Returns whether an option of training is decided for each run.
 fn is_of_the_matrix(id: &str) -> bool {
     id == "seed" || METHOD_OPTIONS.contains(&id)
@@ -117,14 +120,16 @@ fn is_of_the_matrix(id: &str) -> bool {
 /// Returns an option of training as this command has it: options that [`check`] refuses are hidden,
 /// and defaults are those of the published preset.
 pub(super) fn adapted(arg: Arg) -> Arg {
-    match arg.get_id().as_str() {
-        id if is_of_the_matrix(id) => arg.hide(true),
+    let is_refused = is_of_the_matrix(arg.get_id().as_str()) || arg.get_id() == EARLY_END;
+    let arg = match arg.get_id().as_str() {
+        id if is_of_the_matrix(id) => arg,
         "preset" => arg.default_value(Preset::Paper.name()),
         id => match OptionSpec::find(id).filter(|option| !option.is_switch()) {
             Some(option) => with_default(arg, option.get(&TrainConfig::from_preset(Preset::Paper)), option),
             None => arg,
         },
-    }
+    };
+    if is_refused { arg.hide(true) } else { arg }
 }
 
 /// Returns an option with another default.
@@ -141,6 +146,9 @@ fn with_default(arg: Arg, default: Option<String>, option: &OptionSpec) -> Arg {
 
 /// Refuses options that this command replaces with others.
 pub(super) fn check(explicit: &ExplicitArgs) -> Result<(), String> {
+    if explicit.contains(EARLY_END) {
+        return Err("--early-end: methods are compared after as many steps; leave it out".to_owned());
+    }
     let Some(id) = explicit.iter().find(|id| is_of_the_matrix(id)) else { return Ok(()) };
     let instead = if id == "seed" { "--seeds" } else { "--methods" };
     Err(format!("--{} differs from run to run; give {instead}", id.replace('_', "-")))

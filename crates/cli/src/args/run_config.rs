@@ -194,7 +194,10 @@ mod tests {
         // The preset over a file; the file where neither speaks.
         let (file, _) = parsed(&words("--iterations 77 --max-splats 8 --seed 9")).unwrap();
         let (line, explicit) = parsed(&words("--iterations 66 --preset fast")).unwrap();
-        assert_eq!(file.overlaid(&line, &explicit).unwrap().train, TrainConfig { iterations: 66, seed: 9, ..fast.clone() });
+        assert_eq!(
+            file.overlaid(&line, &explicit).unwrap().train,
+            TrainConfig { iterations: 66, early_end: None, seed: 9, ..fast.clone() }
+        );
         // One preset over another, down to what the new one leaves unset.
         let (line, explicit) = parsed(&words("--preset paper")).unwrap();
         assert_eq!(alone.overlaid(&line, &explicit).unwrap().train, paper);
@@ -217,14 +220,15 @@ mod tests {
         iterations = 50 };
         table.insert("train".into(), train.into());
         files::write_text(&path, &toml::to_string(&table).unwrap()).unwrap();
-        assert_eq!(RunConfig::read(&path).unwrap().train, TrainConfig { iterations: 50, ..fast.train });
+        assert_eq!(RunConfig::read(&path).unwrap().train, TrainConfig { iterations: 50, early_end: None, ..fast.train });
     }
 
     #[test]
     fn a_resumed_run_keeps_its_preset_and_the_options_beside_it() {
         let (stored, _) = parsed(&words("--preset fast --max-splats 7")).unwrap();
         let (line, explicit) = parsed(&words("--preset fast --iterations 50000")).unwrap();
-        assert_eq!(resumed(&stored, &line, &explicit).unwrap().train, TrainConfig { iterations: 50_000, ..stored.train.clone() });
+        let longer = TrainConfig { iterations: 50_000, early_end: None, ..stored.train.clone() };
+        assert_eq!(resumed(&stored, &line, &explicit).unwrap().train, longer);
         let (line, explicit) = parsed(&words("--preset paper")).unwrap();
         let error = resumed(&stored, &line, &explicit).unwrap_err().to_string();
         assert!(error.contains("--preset is \"fast\" in the run, \"paper\" now"), "{error}");
@@ -256,6 +260,11 @@ mod tests {
         let merged = resumed(&stored, &line, &explicit).unwrap();
         assert_eq!((merged.train.iterations, merged.device.threads, merged.run.checkpoint_every), (50000, Some(3), 10));
         assert_eq!(merged.train.seed, 7);
+        // A number of steps that is given is made in full.
+        assert!(stored.train.early_end.is_some() && merged.train.early_end.is_none());
+        let (line, explicit) = parsed(&words("--iterations 50000 --early-end 40000")).unwrap();
+        assert_eq!(line.train.early_end, Some(40000));
+        assert_eq!(stored.overlaid(&line, &explicit).unwrap().train.early_end, Some(40000));
         let (line, explicit) = parsed(&words("--seed 8 --downscale 2 --threads 3 --max-splats 10")).unwrap();
         let error = resumed(&stored, &line, &explicit).unwrap_err().to_string();
         for part in
@@ -300,13 +309,14 @@ mod tests {
     }
 
     /// Every option that belongs to a choice, with a value, and what makes the choice.
-    const CASES: [(&str, &str, &str); 20] = [
+    const CASES: [(&str, &str, &str); 21] = [
         ("--luminance-lr 0.1", "--method sh3", "--method lcd"),
         ("--tone-width 64", "--method sh3", "--method hdr-gs"),
         ("--lift-lr 1e-3", "--method hdr-gs", "--method mono-hdr-gs"),
         ("--cycle-weight 0.1", "--method lcd", "--method mono-hdr-gs"),
         ("--feature-lr 1e-3", "--method hdr-gs", "--method gausshdr"),
         ("--turnover 0.2", "--strategy mcmc", "--strategy adc"),
+        ("--early-end 300", "--strategy mcmc", "--strategy adc"),
         ("--densify-threshold 1e-3", "--strategy mcmc", "--strategy adc"),
         ("--percent-dense 0.1", "--strategy mcmc", "--strategy adc"),
         ("--prune-scale 0.2", "--strategy mcmc", "--strategy adc"),

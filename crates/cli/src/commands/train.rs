@@ -120,7 +120,7 @@ fn lead(args: &TrainArgs, explicit: &ExplicitArgs, exchange: Box<dyn Exchange>) 
         let timings = trainer.engine().timings();
         console.result(&profile::event(steps, timings), &profile::table(steps, timings))?;
     }
-    finish(outcome, &folder, &config, &console)?;
+    finish(outcome, &folder, config.train.method, trainer.iteration(), &console)?;
     Ok(outcome)
 }
 
@@ -272,16 +272,15 @@ fn lock_free(folder: &RunFolder) -> luxel::Result<RunLock> {
 }
 
 /// Reports where the results are, or how to continue.
-fn finish(outcome: Outcome, folder: &RunFolder, config: &RunConfig, console: &Console) -> Result<()> {
+fn finish(outcome: Outcome, folder: &RunFolder, method: Method, step: u32, console: &Console) -> Result<()> {
     let root = folder.root().display();
     if outcome == Outcome::Interrupted {
         console.interrupted(&format!("saved; continue with: luxel train --resume -o {root}"));
         return Ok(());
     }
     // As text: JSON has no form for a name that is not UTF-8.
-    let kind = NonSplatKind::of(config.train.method);
-    let [scene, metrics, report] = [folder.result(config.train.method, config.train.iterations), folder.metrics(), folder.report()]
-        .map(|path| path.display().to_string());
+    let kind = NonSplatKind::of(method);
+    let [scene, metrics, report] = [folder.result(method, step), folder.metrics(), folder.report()].map(|path| path.display().to_string());
     let name = kind.map_or("scene", NonSplatKind::name);
     let text = format!("{name:7} {scene}\nmetrics {metrics}\nreport  {report}");
     console.finish_with_note(json!({ name: scene, "metrics": metrics, "report": report }), &text);

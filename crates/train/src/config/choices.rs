@@ -81,7 +81,8 @@ macro_rules! choices {
 choices! {
     /// Presets: values of options that belong together.
     pub enum Preset = Fast {
-        /// 9000 steps, and no more splats than the images can tell apart
+        /// 8000 steps, or fewer where more would not help, and no more splats than the images can
+        /// tell apart
         Fast: "fast",
         /// The same in 30000 steps
         Full: "full",

@@ -83,7 +83,11 @@ options! {
         /// replaces the values of a configuration file
         preset: Preset = Preset::Fast, "PRESET", Range::Any;
         /// Number of training steps, of `batch` views each
-        iterations: u32 = 9_000, "N", Range::AtLeast(1);
+        iterations: u32 = 8_000, "N", Range::AtLeast(1);
+        /// Number of steps after which the run ends where validation views (`validation_share`) are
+        /// much worse than other training views, so that more steps would help these alone; without
+        /// it, a number of `iterations` that is given is made in full
+        early_end: Option<u32> = Some(5_500), "N", Range::AtLeast(1);
         /// Number of views that a step trains on, by the mean of their gradients; it takes that
         /// many times as long
         batch: u32 = 1, "N", Range::Limits { min: 1, max: MAX_BATCH as u64 };
@@ -99,8 +103,8 @@ options! {
         /// Train each step on a random part of its view, of at most this many pixels a side, for
         /// images that are too large for a step
         crop: Option<u32> = None, "PX", Range::AtLeast(64), unset: "whole views";
-        /// Part of its view that a step trains on once no more splats are added; methods with steps
-        /// of their own, frozen geometry and `crop` leave it as it is
+        /// Part of its view that a step trains on once no more splats are added; it has no effect
+        /// with `crop`, on frozen geometry, and in methods with steps of their own
         late_views: LateViews = LateViews::Strips, "PART", Range::Any;
         /// Fraction of the steps, at the end and after densification, over which the parameters are
         /// averaged to the final scene, but at most the second half of the steps with
@@ -267,7 +271,7 @@ options! {
         clearance: f32 = 0.4, "FRACTION", Range::ShareBelowOne;
         /// Number of steps between two resets of all opacities to at most 0.01 during
         /// densification, with `batch` of views; 0 disables them
-        opacity_reset_interval: u32 = 3000, "N", Range::Any, needs: [Adc];
+        opacity_reset_interval: u32 = 2000, "N", Range::Any, needs: [Adc];
         /// Growth of the number of splats per round
         mcmc_growth: f32 = 0.05, "FRACTION", Range::Share, needs: [Mcmc];
         /// Strength of the noise on positions, as a multiple of the position's learning rate

@@ -46,6 +46,7 @@ fn every_option_changes_the_configuration() {
     let flags: &[&[&str]] = &[
         &["--preset", "paper"],
         &["--iterations", "7"],
+        &["--early-end", "7"],
         &["--seed", "1"],
         &["--resolution-schedule", "off"],
         &["--crop", "200"],

@@ -38,9 +38,10 @@ impl Trainer {
         if self.state.config.freezes_geometry() {
             return Ok(());
         }
+        let is_over = self.end_early(step) && !self.schedule.is_densifying(step);
         let is_round = self.schedule.densifies_after(step);
         let cap = self.schedule.opacity_cap_after(step);
-        let unseen = self.unseen_after(step);
+        let unseen = self.unseen_after(step, is_over);
         let is_in_front = self.in_free_space(step)?;
         if is_round || unseen.is_some() || cap.is_some() || is_in_front.is_some() {
             let before = self.engine.len();
@@ -70,10 +71,11 @@ impl Trainer {
     }
 
     /// Returns the fraction of the views' pixels below which splats are pruned as unseen, if that
-    /// is due after `step`.
-    fn unseen_after(&self, step: u32) -> Option<f32> {
+    /// is due after `step`, as it is where densification `is_over` before its time.
+    fn unseen_after(&self, step: u32, is_over: bool) -> Option<f32> {
         let (part, strategy) = (self.state.config.prune_unseen, self.state.config.strategy);
-        (part > 0.0 && strategy == Strategy::Adc && self.schedule.stops_adding_after(step)).then_some(part)
+        let is_due = is_over || self.schedule.stops_adding_after(step);
+        (part > 0.0 && strategy == Strategy::Adc && is_due).then_some(part)
     }
 
     /// Returns whether each splat is in the free space in front of a camera (`[N]`), if any is and
