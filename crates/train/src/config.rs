@@ -194,12 +194,6 @@ impl TrainConfig {
         self.moments == MomentFormat::Bf16
     }
 
-    /// Returns the share of the largest number of splats that a round may relocate where there are
-    /// no validation views.
-    pub fn turnover_without_validation(&self) -> f32 {
-        0.5 * self.turnover
-    }
-
     /// Returns the number of splats to which [`Self::splat_limit`] may rise during training.
     pub fn most_splats(&self, train_px: u64) -> usize {
         let limit = self.splat_limit(train_px);

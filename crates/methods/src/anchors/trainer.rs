@@ -207,7 +207,7 @@ impl AnchorTrainer {
             threshold: config.densify_threshold,
             prune_opacity: config.prune_opacity,
             limit: anchor_limit(config, self.views.train_px()),
-            turnover: config.turnover_without_validation(),
+            turnover: config.turnover,
             largest: LARGEST_PART * schedule.extent,
             seed: self.views.noise_seed(step),
         };

@@ -237,9 +237,9 @@ options! {
         /// while splats are added, they tell how many the scene needs; 0 disables it
         validation_share: f32 = 0.1, "FRACTION", Range::ShareBelowOne, needs: [Adc], was: "hold_out";
         /// Fraction of the largest number of splats that a round may relocate once that number is
-        /// reached; down to a quarter of this on reduced images and where validation views are much
-        /// worse than other training views, half without validation views
-        turnover: f32 = 0.2, "FRACTION", Range::Share, needs: [Adc];
+        /// reached; with validation views, down to a quarter of this on reduced images and where
+        /// they are much worse than other training views
+        turnover: f32 = 0.1, "FRACTION", Range::Share, needs: [Adc];
         /// Split splats by sums of absolute pixel gradients (AbsGS)
         absgrad: bool = false, "", Range::Any, needs: [Adc];
         /// Step after which densification begins

@@ -55,7 +55,7 @@ presets! {
     /// Paper: 0, because without a bound nothing is relocated. Full and fast: without relocation,
     /// growth would end when the bound is reached. Where validation views lag behind, and until
     /// that is known, it is less.
-    turnover:                0.0,                         0.2,                         0.2;
+    turnover:                0.0,                         0.1,                         0.1;
     /// Paper and full: 3DGS's interval. Fast: the only reset lies early enough for opacities to
     /// recover before images have their full size.
     opacity_reset_interval:  3000,                        3000,                        2000;

@@ -8,8 +8,8 @@
 //! every view. Where they lag behind, more splats only overfit, and relocated splats do, too, so
 //! fewer are relocated. Where they lag far behind, single splats explain single views: once no more
 //! are added, a larger share is left out, and steps on strips have lower rates. Degenerate: a limit
-//! that the user gives stays as it is. Before a lead is known and without validation views, fewer
-//! are relocated and rates on strips are lower, too.
+//! that the user gives stays as it is. Before a lead is known, fewer are relocated; without
+//! validation views, the configuration's share is. In both cases rates on strips are lower, too.
 
 use luxel_core::Image;
 use luxel_metrics::psnr_scene;
@@ -94,7 +94,7 @@ impl Trainer {
         let config = &self.state.config;
         match self.state.fit {
             Some(fit) => config.turnover * fit.relocation_factor(),
-            None if self.validation.is_empty() => config.turnover_without_validation(),
+            None if self.validation.is_empty() => config.turnover,
             None => config.turnover * LEAST_RELOCATION as f32,
         }
     }
