@@ -1,10 +1,8 @@
-//! The settings of a run, resolved: `config.toml` of the run folder, and how new settings combine
-//! with stored ones.
+//! The settings of a run (`config.toml`), and how new settings combine with stored ones.
 //!
-//! In: settings and the names of the options that were given explicitly; out: one [`RunConfig`]. An
-//! option takes its value from the first of: the explicit value; the preset, if one was given
-//! explicitly; the file; the file's preset; the default. A resumed run keeps its settings but for
-//! those that leave the steps already made as they are.
+//! In: settings, and the names of those that were given explicitly. Out: a [`RunConfig`]. An option
+//! has the first of: the explicit value; that of an explicit preset; the file's; that of the file's
+//! preset; the default. A resumed run keeps what decides the steps already made.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -265,7 +263,9 @@ impl RunConfig {
     pub fn overlaid(&self, given: &Self, explicit: &ExplicitArgs) -> Result<Self> {
         let (mut base, other) = (self.to_table()?, given.to_table()?);
         let of_preset: &[&str] = if explicit.contains(PRESET) { Preset::OPTIONS } else { &[] };
-        for (section, id) in of_preset.iter().map(|id| (TRAIN, *id)).chain(options(&other, explicit)) {
+        // Given steps come with an early end, or with none.
+        let early_end = explicit.contains("iterations").then_some((TRAIN, "early_end"));
+        for (section, id) in of_preset.iter().map(|id| (TRAIN, *id)).chain(options(&other, explicit)).chain(early_end) {
             let value = value(&other, section, id).cloned();
             if let Some(section) = base.get_mut(section).and_then(toml::Value::as_table_mut) {
                 // An alternative to an option takes its place: eval_at after eval_every.
@@ -276,10 +276,6 @@ impl RunConfig {
                     Some(value) => section.insert(id.into(), value),
                     None => section.remove(id),
                 };
-                // A number of steps that is given is made in full.
-                if id == "iterations" && !explicit.contains("early_end") && !of_preset.contains(&id) {
-                    section.remove("early_end");
-                }
             }
         }
         let merged = Self::from_table(&base)?;
