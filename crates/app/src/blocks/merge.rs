@@ -110,8 +110,7 @@ fn read_block(folder: &Path, name: &str) -> Result<Block> {
 fn gains_of(folder: &Path, name: &str, observer: &dyn Observer) -> Result<Gains> {
     let (run, config) = RunFolder::open(&run_folder(folder, name))?;
     let newest = run.scene_iterations().first().copied().unwrap_or(0);
-    let least = config.train.early_end.map_or(config.train.iterations, |end| end.min(config.train.iterations));
-    if newest < least {
+    if newest < config.train.iterations && Some(newest) != config.train.early_end {
         observer.warn(&format!("{name}: {newest} of {} steps are made", text::count(config.train.iterations as usize)));
     }
     if config.train.refine_poses {

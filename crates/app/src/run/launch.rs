@@ -279,8 +279,10 @@ fn continue_with(config: &RunConfig, trainer: &mut dyn Reconstruction) -> Result
     if !(has_rule && (is_over_early || wanted == end)) {
         trainer.set_iterations(wanted);
     }
+    // Given steps leave no early end, which the checkpoint may have.
+    let is_rule_kept = has_rule || config.train.early_end.is_none();
     let TrainConfig { iterations, early_end, .. } = *trainer.config();
-    if *trainer.config() != (TrainConfig { iterations, early_end, ..config.train.clone() }) {
+    if !is_rule_kept || *trainer.config() != (TrainConfig { iterations, early_end, ..config.train.clone() }) {
         bail!("config.toml has other training options than the checkpoint; undo the change, or start a new run with it in another folder");
     }
     Ok(())

@@ -163,7 +163,7 @@ impl Session<'_> {
             if end != planned {
                 self.observer.event(Event::StepsBegin { done: iteration, total: end });
                 self.observer.note(&format!(
-                    "step {iteration}: the run ends after {end} steps, since more would not help views that it does not train on"
+                    "step {iteration}: the run ends after {end} steps, since more would gain little on views that it does not train on"
                 ));
             }
             self.plan(state)?;

@@ -140,7 +140,7 @@ impl Matrix {
             for (source, method) in
                 (0..matrix.sources.len()).flat_map(|source| (0..matrix.methods.len()).map(move |method| (source, method)))
             {
-                // Methods are compared after as many steps.
+                // Methods are compared after equal numbers of steps.
                 let train = TrainConfig { seed, early_end: None, ..with_method(&options.train, matrix.methods[method]) };
                 let of_source = place_in(&asked, &matrix.sources[source]);
                 let of_method = place_in(&options.methods, &matrix.methods[method]);

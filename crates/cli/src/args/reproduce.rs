@@ -147,7 +147,7 @@ fn with_default(arg: Arg, default: Option<String>, option: &OptionSpec) -> Arg {
 /// Refuses options that this command replaces with others.
 pub(super) fn check(explicit: &ExplicitArgs) -> Result<(), String> {
     if explicit.contains(EARLY_END) {
-        return Err("--early-end: methods are compared after as many steps; leave it out".to_owned());
+        return Err("--early-end: methods are compared after equal numbers of steps; leave it out".to_owned());
     }
     let Some(id) = explicit.iter().find(|id| is_of_the_matrix(id)) else { return Ok(()) };
     let instead = if id == "seed" { "--seeds" } else { "--methods" };

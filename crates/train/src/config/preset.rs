@@ -34,7 +34,7 @@ presets! {
     // option:               paper,                       full,                        fast
     /// Paper: Kerbl et al. 2023. Fast: longer runs gain no more than different seeds differ by.
     iterations:              30_000,                      30_000,                      8_000;
-    /// Paper: all steps, as published. Full: not measured. Fast: more steps gain nothing on test
+    /// Paper: all steps, as published. Full: not measured. Fast: more steps gain little on test
     /// views where validation views lag behind.
     early_end:               None,                        None,                        Some(5_500);
     /// The published strategy, which is better than MCMC at equal splats and steps.

@@ -1,5 +1,5 @@
 //! The plan of a run, made anew while it goes on: for runs within a given time, and where more
-//! steps would not help views that are not trained on.
+//! steps would gain little on views that are not trained on.
 //!
 //! A plan is a number of steps and the resolutions of its images. Rates, densification, degrees,
 //! samples and averaging are parts of the whole ([`Schedule`]), so they move with it.
@@ -44,7 +44,7 @@ impl Trainer {
         true
     }
 
-    /// Returns whether the run ends before the steps that it was started with.
+    /// Returns whether the run is planned for `early_end` steps.
     pub fn ends_early(&self) -> bool {
         self.state.config.early_end == Some(self.state.planned_iterations)
     }
