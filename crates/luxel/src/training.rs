@@ -150,8 +150,9 @@ impl<'a> TrainingBuilder<'a> {
         if let Some(preset) = self.preset {
             config = TrainConfig { preset, ..config }.with_preset(|_| false);
         }
-        config.iterations = self.steps.unwrap_or(config.iterations);
-        config.early_end = config.early_end.filter(|_| self.steps.is_none());
+        if let Some(steps) = self.steps {
+            config = config.with_steps(steps);
+        }
         config.seed = self.seed.unwrap_or(config.seed);
         config.method = self.method.unwrap_or(config.method);
         config.max_splats = self.max_splats.or(config.max_splats);

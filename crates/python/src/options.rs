@@ -45,12 +45,8 @@ pub(crate) fn train_config(preset: Option<&str>, options: Option<&Bound<'_, PyDi
         None => Preset::default(),
         Some(name) => serde_json::from_value(name.clone()).map_err(|error| invalid(format!("preset: {error}")))?,
     };
-    let mut config = overlaid(&TrainConfig::from_preset(chosen), &given, "options of training")?;
-    // A number of steps that is given is made in full.
-    if given.contains_key("iterations") && !given.contains_key("early_end") {
-        config.early_end = None;
-    }
-    let mut run = RunConfig::new("", config);
+    let config = overlaid(&TrainConfig::from_preset(chosen), &given, "options of training")?;
+    let mut run = RunConfig::new("", config.with_preset(|name| given.contains_key(name)));
     run.load.supervision = images;
     match run.inapplicable(&given.keys().map(String::as_str).collect()) {
         Some(inapplicable) => Err(invalid(inapplicable.to_string())),

@@ -108,7 +108,7 @@ impl PyTraining {
         let images = if is_radiance { Supervision::Hdr } else { Supervision::Ldr };
         let mut config = train_config(preset, options, images)?;
         if let Some(steps) = steps {
-            (config.iterations, config.early_end) = (steps, None);
+            config = config.with_steps(steps);
         }
         let device = self::device(device, threads)?;
         let dataset = Arc::clone(&dataset.dataset);

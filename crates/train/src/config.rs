@@ -98,6 +98,12 @@ impl TrainConfig {
         self
     }
 
+    /// Returns this configuration with a number of steps, all of which are made.
+    #[must_use]
+    pub fn with_steps(self, iterations: u32) -> Self {
+        Self { iterations, early_end: None, ..self }
+    }
+
     /// Returns the colour model selected by `method` and the degree options. Fields have none; LCD
     /// is returned for them.
     pub fn color_model(&self) -> ColorModel {

@@ -56,6 +56,15 @@ fn blocks_are_trained_like_data_sets_and_their_scenes_become_one() {
     assert_eq!(first as u64, merged["blocks"][0]["kept"].as_u64().unwrap());
     place.ok(&["eval", "scene.ply", "--data", "data"]);
 
+    // A run that is not over gets a warning; one that ended early is whole.
+    let path = place.path("blocks/runs/block_001/config.toml");
+    let config = std::fs::read_to_string(&path).unwrap();
+    for (early_end, warns) in [(25, true), (20, false)] {
+        std::fs::write(&path, config.replace("iterations = 20", &format!("iterations = 30\nearly_end = {early_end}"))).unwrap();
+        let notes = place.notes(&["merge", "blocks", "-o", "scene.ply", "--overwrite"]);
+        assert_eq!(notes.contains("block_001: 20 of 30 steps are made"), warns, "{notes}");
+    }
+
     // A block that is trained otherwise does not go with the others.
     place.ok(&[&["train", "blocks/block_001", "-o", "blocks/runs/block_001", "--overwrite", "--method", "sh1"][..], &FEW].concat());
     place.error(&["merge", "blocks", "-o", "other.ply"], &["block_001", "colour model sh1, but lcd"]);

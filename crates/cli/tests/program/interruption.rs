@@ -157,6 +157,24 @@ fn a_resumed_run_keeps_its_settings() {
 }
 
 #[test]
+fn a_resumed_run_keeps_the_rule_of_its_early_end() {
+    let place = Workplace::new();
+    place.train("run", &["--early-end", "30"]);
+    let path = place.path("run/config.toml");
+    let stored = std::fs::read_to_string(&path).unwrap();
+    let other = stored.replace("early_end = 30", "early_end = 35");
+    assert_ne!(other, stored);
+    std::fs::write(&path, other).unwrap();
+    place.error(&["train", "--resume", "-o", "run"], &["config.toml has other training options than the checkpoint"]);
+    std::fs::write(&path, stored).unwrap();
+    place.ok(&["train", "--resume", "-o", "run"]);
+    // Given steps are made, and the run has no early end any more.
+    place.ok(&["train", "--resume", "-o", "run", "--iterations", "50"]);
+    assert_eq!(place.json("run/metrics.json")["iterations"], 50);
+    assert!(!std::fs::read_to_string(&path).unwrap().contains("early_end"));
+}
+
+#[test]
 fn a_run_that_is_ended_where_it_stands_becomes_the_mean_so_far() {
     let place = Workplace::new();
     place.train("run", &["--checkpoint-every", "37", "--keep-checkpoints", "2", "--samples", "1"]);

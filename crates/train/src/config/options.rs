@@ -85,8 +85,8 @@ options! {
         /// Number of training steps, of `batch` views each
         iterations: u32 = 8_000, "N", Range::AtLeast(1);
         /// Number of steps after which the run ends where validation views (`validation_share`) are
-        /// much worse than other training views, so that more steps would help these alone; without
-        /// it, a number of `iterations` that is given is made in full
+        /// much worse than the views that are trained on, because more steps would improve only the
+        /// latter; where `iterations` is given without it, all its steps are made
         early_end: Option<u32> = Some(5_500), "N", Range::AtLeast(1);
         /// Number of views that a step trains on, by the mean of their gradients; it takes that
         /// many times as long
