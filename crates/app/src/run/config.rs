@@ -391,7 +391,7 @@ fn options<'a>(table: &toml::Table, explicit: &'a ExplicitArgs) -> Vec<(&'static
 
 fn difference(stored: &toml::Table, now: &toml::Table, section: &str, id: &str) -> Option<Difference> {
     let (stored, now) = (value(stored, section, id), value(now, section, id));
-    let text = |value: Option<&toml::Value>| value.map(ToString::to_string);
+    let text = |value: Option<&toml::Value>| value.map(|v| v.as_float().map_or_else(|| v.to_string(), |real| (real as f32).to_string()));
     (stored != now).then(|| Difference { option: id.to_owned(), stored: text(stored), now: text(now) })
 }
 

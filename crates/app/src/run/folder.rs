@@ -22,6 +22,7 @@ use std::path::{Path, PathBuf};
 
 use luxel::error::{Context, bail};
 use luxel::{Error, Result};
+use luxel_core::Remedy;
 use luxel_io::LoadOptions;
 use luxel_train::Method;
 
@@ -217,7 +218,8 @@ impl RunFolder {
     fn read_config(&self) -> Result<RunConfig> {
         let path = self.root.join(CONFIG);
         if !path.is_file() {
-            bail!("{}: no {CONFIG}, so this is not the folder of a training run", self.root.display());
+            let error = Error::new(format!("{}: no {CONFIG}, so this is not the folder of a training run", self.root.display()));
+            return Err(error.with_remedy(Remedy::advice("if it is a data set, train on it first")));
         }
         RunConfig::read(&path)
     }

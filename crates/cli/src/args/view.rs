@@ -24,7 +24,7 @@ use super::look::OcioLookArgs;
 pub(crate) struct ViewArgs {
     /// Address and port to serve the page at; port 0 is any free one. An address that other
     /// machines reach asks them for the token of the printed address.
-    #[arg(long, default_value = luxel_view::DEFAULT_ADDRESS, value_name = "ADDR:PORT")]
+    #[arg(long, default_value = luxel_view::DEFAULT_ADDRESS, value_name = "ADDR:PORT", value_parser = address)]
     pub(crate) listen: SocketAddr,
     /// Another scene of the same place, a run or a file, to look at beside the first: side by side,
     /// wipe, difference. Both are held in memory, each in an engine of its own.
@@ -48,4 +48,8 @@ pub(crate) struct ViewArgs {
 /// Reads the address of `luxel train --view`, behind which a data set may have been meant.
 pub(super) fn training_address(text: &str) -> Result<SocketAddr, String> {
     text.parse().map_err(|_| String::from("expected an address such as 127.0.0.1:7007; the data set stands before --view"))
+}
+
+fn address(text: &str) -> Result<SocketAddr, String> {
+    text.parse().map_err(|_| String::from("expected an address and a port such as 127.0.0.1:7007"))
 }

@@ -66,7 +66,8 @@ fn report_result(args: &PrepareArgs, report: &PrepareReport, console: &Console) 
         ),
         None => format!(
             "radiance of {} in {output}/work/radiance, pictures for structure from motion in {output}/proxies\n\
-             poses: run sh {output}/colmap.sh (Debian: apt-get install colmap; or pip install pycolmap, without the script), then the same luxel prepare again",
+             poses: none yet; install COLMAP (Debian: apt-get install colmap) and run sh {output}/colmap.sh, or pip install pycolmap; \
+             then give the same luxel prepare command again",
             plural(report.views.len(), "view")
         ),
     };

@@ -41,7 +41,7 @@ impl Format {
             "spz" => Self::Spz,
             "sog" => Self::Sog,
             "gltf" => bail!("{}: glTF is written as one file; write .glb", path.display()),
-            _ => bail!("{}: unknown extension, expected .ply, .usda, .usd, .usdc, .usdz, .glb, .spz or .sog", path.display()),
+            _ => bail!("{}: unknown extension, expected .ply, .usda, .usd, .usdc, .usdz, .glb, .spz, .sog or .html", path.display()),
         })
     }
 

@@ -80,7 +80,7 @@ pub(super) fn run(args: &ExportArgs, explicit: &ExplicitArgs, console: &Console)
     tree.set("file_bytes", bytes.file).set("poster_bytes", bytes.poster).set("thumbnail_bytes", bytes.thumbnails);
     tree.set("color_model", model);
     tree.set("color_space", scene.color_space.name());
-    tree.set("precision", "exact; harmonics above degree 0 are half floats");
+    tree.set("precision", "exact, except harmonics above degree 0: half floats");
     tree.set("cameras", dataset.map_or(0, |dataset| dataset.train.len() + dataset.test.len()));
     console.finish(tree.json(), tree.text().trim_end())
 }

@@ -54,9 +54,9 @@ pub(super) fn photographs(plan: &RenderPlan<'_>, scene: &Scene, shots: &Shots) -
         // Both eyes see through the same kind of lens, each with its own measured focus.
         let seen_by = if is_moving { &all[i % step] } else { shot };
         let focus_at = asked.focus_at.map(|pixel| (pixel, seen_by.camera.clone()));
-        let aperture = aperture(asked, scene, shot).with_context(|| format!("cannot photograph {}", shot.name))?;
+        let aperture = aperture(asked, scene, shot).with_context(|| format!("cannot render {} through a lens", shot.name))?;
         let photograph = Photograph { camera: shot.camera.clone(), aperture, motion };
-        photograph.check().with_context(|| format!("cannot photograph {}", shot.name))?;
+        photograph.check().with_context(|| format!("cannot render {} through a lens", shot.name))?;
         let set = if asked.vary_samples { u32::try_from(i / step).unwrap_or(u32::MAX) } else { 0 };
         Ok(PhotographJob { photograph, sampling: Sampling { count: asked.lens_samples, set }, focus_at })
     };
