@@ -22,7 +22,7 @@ use super::clock::Clock;
 use super::folder::LockIdentity;
 use super::log::{LOG_EVERY, LogRecord, RunLog};
 use super::test_curve::TestCurve;
-use super::time_budget::TimeBudget;
+use super::time_budget::{LEAST_STEPS, TimeBudget};
 use super::{RunConfig, RunFolder, state};
 use crate::{files, process, text};
 
@@ -123,7 +123,9 @@ impl Session<'_> {
         drop(listening);
         let outcome = outcome?;
         if outcome == Outcome::Finished {
-            self.observer.note(&text::training_time(state.clock.seconds(), state.clock.processor_seconds()));
+            let took = text::training_time(state.clock.seconds(), state.clock.processor_seconds());
+            let has_trained = self.trainer.iteration() > start;
+            self.observer.note(&if has_trained { took } else { format!("all {start} steps were made before, {took}") });
         }
         Ok((outcome, self.trainer))
     }
@@ -196,10 +198,11 @@ impl Session<'_> {
             return Ok(());
         };
         let Some(splats) = self.trainer.as_splats() else { return Ok(()) };
-        let before = splats.config().iterations;
+        let (before, is_first) = (splats.config().iterations, !budget.is_planned());
         if !budget.plan(splats, seconds) {
             return Ok(());
         }
+        let too_short = (is_first && splats.config().iterations < LEAST_STEPS).then(|| budget.start_s());
         let (config, size) = (splats.config().clone(), self.dataset.train.first().map_or([0; 2], |view| view.camera.size_px));
         let (iterations, factor) = (config.iterations, splats.downscale());
         self.folder.write_config(&RunConfig { train: config, ..self.config.clone() })?;
@@ -209,6 +212,11 @@ impl Session<'_> {
             let [width, height] = size.map(|side| side / factor);
             self.observer
                 .note(&format!("step {}: {iterations} steps fit into the time, now on {width}x{height} pixels", self.trainer.iteration()));
+        }
+        if let Some(start_s) = too_short {
+            let start = text::duration(Duration::try_from_secs_f64(start_s).unwrap_or_default());
+            self.observer
+                .warn(&format!("the time is short: {start} went by before the first step, and the steps that are left give a rough scene"));
         }
         Ok(())
     }

@@ -23,7 +23,7 @@ const FIRST_PLAN: u32 = 20;
 /// Steps from one plan to the next.
 const PLAN_EVERY: u32 = 100;
 /// Steps below which images are reduced rather than steps left out.
-const LEAST_STEPS: u32 = 400;
+pub(super) const LEAST_STEPS: u32 = 400;
 /// Smallest side of reduced images, pixels.
 const LEAST_SIDE_PX: u32 = 128;
 /// Factors by which images are reduced.
@@ -110,6 +110,16 @@ impl TimeBudget {
     /// process began at `since`.
     pub(super) fn new(limit: TimeLimit, since: Instant, iteration: u32, seconds: f64) -> Self {
         Self { limit, start_s: since.elapsed().as_secs_f64(), at: (iteration, seconds), is_planned: iteration > 0 }
+    }
+
+    /// Returns whether there is a plan.
+    pub(super) fn is_planned(&self) -> bool {
+        self.is_planned
+    }
+
+    /// Returns the time that this process took before its first step, seconds.
+    pub(super) fn start_s(&self) -> f64 {
+        self.start_s
     }
 
     /// Makes a new plan if one is due, where `seconds` were spent on steps so far. Returns whether

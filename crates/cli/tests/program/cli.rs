@@ -320,7 +320,8 @@ fn a_run_takes_as_many_steps_as_fit_into_its_time() {
     assert!(config.contains("time = \"1s\"") && config.contains(&format!("iterations = {steps}\n")), "{config}");
     assert!((21..u64::from(fast)).contains(&steps), "{steps}");
     // The run is complete; more steps make it longer, and take the place of the time.
-    place.ok(&["train", "--resume", "-o", "run", "--threads", "2"]);
+    let notes = place.notes(&["train", "--resume", "-o", "run", "--threads", "2"]);
+    assert!(notes.contains(&format!("all {steps} steps were made before, trained in ")), "{notes}");
     assert_eq!(place.json("run/metrics.json")["iterations"], steps);
     let longer = (steps + 5).to_string();
     place.ok(&["train", "--resume", "-o", "run", "--iterations", &longer, "--threads", "2"]);

@@ -136,12 +136,12 @@ impl Bake {
     pub(crate) fn description(&self) -> String {
         match &self.look {
             Look::Display { tonemap, .. } => format!(
-                "exposure {:e} of normalised radiance (log-average luminance to {MIDDLE_GREY}), curve {tonemap} with its display encoding, \
+                "exposure {:?} of normalised radiance (log-average luminance to {MIDDLE_GREY}), curve {tonemap} with its display encoding, \
                  harmonics of degree {} by least squares over {DIRECTIONS} directions",
                 self.exposure, self.degree
             ),
             Look::Kept => format!("sRGB colours of a display as they are, harmonics of degree {}", self.degree),
-            Look::Linear { .. } => format!("linear, {:e} of normalised radiance, harmonics of degree {}", self.exposure, self.degree),
+            Look::Linear { .. } => format!("linear, {:?} of normalised radiance, harmonics of degree {}", self.exposure, self.degree),
         }
     }
 

@@ -158,10 +158,10 @@ impl Baked {
     pub fn description(&self) -> String {
         let degree = self.scene.splats.color_model.sh_degree();
         match self.appearance {
-            Appearance::Linear { .. } => format!("linear, {:e} of normalised radiance, harmonics of degree {degree}", self.exposure),
+            Appearance::Linear { .. } => format!("linear, {:?} of normalised radiance, harmonics of degree {degree}", self.exposure),
             Appearance::Display { tonemap, .. } => {
                 format!(
-                    "exposure {:e} of normalised radiance, curve {tonemap} with its display encoding, harmonics of degree {degree}",
+                    "exposure {:?} of normalised radiance, curve {tonemap} with its display encoding, harmonics of degree {degree}",
                     self.exposure
                 )
             }
