@@ -111,8 +111,9 @@ options! {
         /// supersampling, if others come before them; 0 disables it
         average_share: f32 = 0.15, "FRACTION", Range::ShareBelowOne;
         /// Fraction of the splats that a step leaves out at random, against overfitting; it rises
-        /// from 0 at the first step to this at the last, and up to twice this where validation
-        /// views (`validation_share`) are much worse than other training views
+        /// from 0 at the first step to this at the last, to half of this where validation views
+        /// (`validation_share`) are nearly as good as other training views, and to twice this where
+        /// they are much worse
         dropout: f32 = 0.2, "FRACTION", Range::ShareBelowOne;
     }
     "Colour model" {

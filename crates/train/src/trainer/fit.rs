@@ -7,9 +7,10 @@
 //! good as their neighbours that are trained on: there is detail that more splats represent for
 //! every view. Where they lag behind, more splats only overfit, and relocated splats do, too, so
 //! fewer are relocated. Where they lag far behind, single splats explain single views: once no more
-//! are added, a larger share is left out, and steps on strips have lower rates. Degenerate: a limit
-//! that the user gives stays as it is. Before a lead is known, fewer are relocated; without
-//! validation views, the configuration's share is. In both cases rates on strips are lower, too.
+//! are added, a larger share is left out, and steps on strips have lower rates; where they keep up,
+//! a smaller share is left out. Degenerate: a limit that the user gives stays as it is. Before a
+//! lead is known, fewer are relocated; without validation views, the configuration's share is. In
+//! both cases rates on strips are lower, too, and the configuration's share is left out.
 
 use luxel_core::Image;
 use luxel_metrics::psnr_scene;
@@ -33,11 +34,14 @@ const FULL: f64 = 0.97;
 /// Weight of the latest round in the mean of the leads.
 const LATEST: f64 = 0.2;
 
-/// Lead up to which dropout is that of the configuration, dB.
+/// Lead at which dropout is that of the configuration, dB.
 const DROPOUT_LEAD_DB: f64 = 4.0;
 
-/// Largest factor of dropout.
-const MOST_DROPOUT: f64 = 2.0;
+/// Smallest and largest factor of dropout.
+const DROPOUT_FACTORS: [f64; 2] = [0.5, 2.0];
+
+/// Factor of the rates of steps on strips where the lead is largest, or unknown.
+const LEAST_STRIP_RATE: f32 = 0.5;
 
 /// Smallest factor of relocation.
 const LEAST_RELOCATION: f64 = 0.25;
@@ -52,9 +56,15 @@ impl Fit {
         Self { room: self.room.max((raised as u32).min(u32::try_from(most).unwrap_or(u32::MAX))), lead_db }
     }
 
-    /// Returns the factor of dropout, by which rates of steps on strips are divided.
+    /// Returns the factor of dropout.
     fn dropout_factor(self) -> f32 {
-        (self.lead_db / DROPOUT_LEAD_DB).clamp(1.0, MOST_DROPOUT) as f32
+        let [least, most] = DROPOUT_FACTORS;
+        (self.lead_db / DROPOUT_LEAD_DB).clamp(least, most) as f32
+    }
+
+    /// Returns the factor of the rates of steps on strips.
+    fn strip_rate_factor(self) -> f32 {
+        1.0 / self.dropout_factor().max(1.0)
     }
 
     /// Returns the factor of the share of the splats that a round relocates.
@@ -83,7 +93,7 @@ impl Trainer {
     /// nothing is known.
     pub(super) fn rate_factor(&self, step: u32) -> f32 {
         match self.schedule.takes_strips(step) {
-            true => 1.0 / self.state.fit.map_or(MOST_DROPOUT as f32, Fit::dropout_factor),
+            true => self.state.fit.map_or(LEAST_STRIP_RATE, Fit::strip_rate_factor),
             false => 1.0,
         }
     }
@@ -188,9 +198,9 @@ mod tests {
     }
 
     #[test]
-    fn dropout_grows_with_the_lead_and_at_most_twofold() {
+    fn dropout_grows_with_the_lead_from_half_to_twice() {
         let factor = |lead_db| Fit { room: 1, lead_db }.dropout_factor();
-        assert_eq!([-1.0, 1.0, 4.0, 6.0, 8.0, 20.0].map(factor), [1.0, 1.0, 1.0, 1.5, 2.0, 2.0]);
+        assert_eq!([-1.0, 1.0, 2.0, 4.0, 6.0, 8.0, 20.0].map(factor), [0.5, 0.5, 0.5, 1.0, 1.5, 2.0, 2.0]);
     }
 
     #[test]
