@@ -22,7 +22,8 @@ use serde::{Deserialize, Serialize};
 const FIRST_PLAN: u32 = 20;
 /// Steps from one plan to the next.
 const PLAN_EVERY: u32 = 100;
-/// Steps below which images are reduced rather than steps left out.
+/// Steps below which images are reduced rather than steps left out, and the user is warned if the
+/// smallest images do not help.
 pub(super) const LEAST_STEPS: u32 = 400;
 /// Smallest side of reduced images, pixels.
 const LEAST_SIDE_PX: u32 = 128;

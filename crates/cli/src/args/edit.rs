@@ -90,9 +90,10 @@ const FILE_CONFLICTS: [&str; 14] = [
 ];
 
 const EXAMPLES: &str = "\
-L is the sum R + G + B in the units of the data set, of a splat's colour at degree 0: luminance_sum of luxel info, not
-the luminance Y. Options act in the order given; a --where applies to the maps behind it, up to the next --where.
-Chromaticity, opacity and shape of the splats do not change. In scenes of spherical harmonics hues shift under every map but a gain; a warning says how far.
+L is the sum R + G + B in the units of the data set, of a splat's colour at degree 0: luminance_sum
+of luxel info, not the luminance Y. Options act in the order given; a --where applies to the maps
+behind it, up to the next --where. Chromaticity, opacity and shape of the splats do not change. In
+scenes of spherical harmonics hues shift under every map but a gain; a warning says how far.
 
 Selections:
   L < 0.05 ~2   L >= p90 ~2   L in 0.1..2 ~2   luminance, or a percentile of the splats

@@ -10,7 +10,7 @@
 //! are added, a larger share is left out, and steps on strips have lower rates; where they keep up,
 //! a smaller share is left out. Degenerate: a limit that the user gives stays as it is. Before a
 //! lead is known, fewer are relocated; without validation views, the configuration's share is. In
-//! both cases rates on strips are lower, too, and the configuration's share is left out.
+//! both cases dropout is that of the configuration, and rates on strips are lower, too.
 
 use luxel_core::Image;
 use luxel_metrics::psnr_scene;
@@ -41,7 +41,7 @@ const DROPOUT_LEAD_DB: f64 = 4.0;
 const DROPOUT_FACTORS: [f64; 2] = [0.5, 2.0];
 
 /// Factor of the rates of steps on strips where the lead is largest, or unknown.
-const LEAST_STRIP_RATE: f32 = 0.5;
+const LEAST_STRIP_RATE: f32 = 1.0 / DROPOUT_FACTORS[1] as f32;
 
 /// Smallest factor of relocation.
 const LEAST_RELOCATION: f64 = 0.25;
